@@ -1,0 +1,25 @@
+"""The errors a user can cause. Each message is one sentence: what came, what was expected, where."""
+
+
+class PmpnbpError(Exception):
+    """Base of every error that bad input can cause; its text is fit to be shown to a user as it stands."""
+
+
+class ModelError(PmpnbpError):
+    """A URDF, or a mesh it names, cannot be used."""
+
+
+class ScanError(PmpnbpError):
+    """A scan, or its camera file, cannot be used."""
+
+
+class PriorError(PmpnbpError):
+    """A prior cannot be used with the model it was given for."""
+
+
+class SettingError(PmpnbpError):
+    """A setting's name or value is not one of those `settings.py` lists."""
+
+
+class RecordingError(PmpnbpError):
+    """A recording cannot be read or written."""

@@ -1,0 +1,187 @@
+"""Rigid poses as arrays `x y z qw qx qy qz`: composing, inverting, sampling and averaging them.
+
+A pose is named by its frames, parent first: `pose_world_camera` takes camera coordinates to world coordinates, and
+`multiply(pose_world_camera, pose_camera_link)` is `pose_world_link`. All functions broadcast over leading axes. A
+quaternion and its negative are the same rotation; nothing here prefers either.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+IDENTITY: Array = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+IDENTITY.setflags(write=False)
+
+
+def quaternion_multiply(a: Array, b: Array) -> Array:
+    """Hamilton product of quaternions `a` and `b`, both (..., 4), w x y z."""
+    aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
+    bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
+    return np.stack(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ],
+        axis=-1,
+    )
+
+
+def quaternion_conjugate(q: Array) -> Array:
+    """Conjugate of `q`, (..., 4), w x y z; the inverse where `q` has unit length."""
+    return q * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def rotate(q: Array, vectors: Array) -> Array:
+    """Rotate `vectors` (..., 3) by unit quaternions `q` (..., 4), w x y z."""
+    w, u = q[..., :1], q[..., 1:]
+    cross = np.cross(u, vectors)
+    return vectors + 2.0 * (w * cross + np.cross(u, cross))
+
+
+def multiply(a: Array, b: Array) -> Array:
+    """Compose poses (..., 7): `multiply(pose_a_b, pose_b_c)` is `pose_a_c`."""
+    position = a[..., :3] + rotate(a[..., 3:], b[..., :3])
+    return np.concatenate([position, quaternion_multiply(a[..., 3:], b[..., 3:])], axis=-1)
+
+
+def inverse(pose: Array) -> Array:
+    """Inverse of poses (..., 7): `inverse(pose_a_b)` is `pose_b_a`."""
+    q = quaternion_conjugate(pose[..., 3:])
+    return np.concatenate([-rotate(q, pose[..., :3]), q], axis=-1)
+
+
+def transform_points(pose: Array, points: Array) -> Array:
+    """Points (..., 3) of frame b in frame a, by `pose_a_b` (..., 7); the leading axes broadcast."""
+    return rotate(pose[..., 3:], points) + pose[..., :3]
+
+
+def normalise(pose: ArrayLike) -> Array:
+    """`pose` (..., 7) with its quaternion at unit length.
+
+    Raises ValueError where a quaternion has no direction: a zero or non-finite one is an error, not the identity.
+    """
+    pose = np.asarray(pose, dtype=np.float64)
+    length = np.linalg.norm(pose[..., 3:], axis=-1, keepdims=True)
+    if not np.all(np.isfinite(pose)) or np.any(length < 1e-9):
+        raise ValueError("a pose needs seven finite numbers x y z qw qx qy qz and a quaternion that is not zero")
+    return np.concatenate([pose[..., :3], pose[..., 3:] / length], axis=-1)
+
+
+def from_rotation_vector(rotation: Array) -> Array:
+    """Unit quaternions (..., 4), w x y z, of rotation vectors (..., 3), radians (the exponential map)."""
+    angle = np.linalg.norm(rotation, axis=-1, keepdims=True)
+    # sin(a/2)/a by numpy's sinc, which is exact at zero
+    return np.concatenate([np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * rotation], axis=-1)
+
+
+def to_rotation_vector(q: Array) -> Array:
+    """Rotation vectors (..., 3) in radians, length at most pi, of unit quaternions (..., 4) (the logarithm)."""
+    q = np.where(q[..., :1] < 0, -q, q)
+    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, q[..., :1])
+    small = sine < 1e-12
+    return np.where(small, 2.0, angle / np.where(small, 1.0, sine)) * q[..., 1:]
+
+
+def rotation_angle(a: Array, b: Array) -> Array:
+    """Angle in radians, 0 to pi, between the rotations of unit quaternions `a` and `b` (..., 4)."""
+    relative = quaternion_multiply(quaternion_conjugate(a), b)
+    return 2.0 * np.arctan2(np.linalg.norm(relative[..., 1:], axis=-1), np.abs(relative[..., 0]))
+
+
+def from_rpy(rpy: ArrayLike) -> Array:
+    """Unit quaternions (..., 4) of roll, pitch, yaw (..., 3), radians about fixed X, Y, Z (URDF's convention)."""
+    half = np.asarray(rpy, dtype=np.float64) / 2.0
+    (cr, cp, cy), (sr, sp, sy) = np.moveaxis(np.cos(half), -1, 0), np.moveaxis(np.sin(half), -1, 0)
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=-1,
+    )
+
+
+def to_rpy(q: Array) -> Array:
+    """Roll, pitch, yaw (..., 3), radians about fixed X, Y, Z, of unit quaternions (..., 4)."""
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return np.stack([roll, pitch, yaw], axis=-1)
+
+
+def from_xyz_rpy(xyz: ArrayLike, rpy: ArrayLike) -> Array:
+    """Poses (..., 7) of a URDF `<origin>`: `xyz` in metres, `rpy` in radians about fixed X, Y, Z."""
+    return np.concatenate([np.asarray(xyz, dtype=np.float64), from_rpy(rpy)], axis=-1)
+
+
+def to_matrix(pose: Array) -> Array:
+    """Homogeneous matrices (..., 4, 4) of poses (..., 7)."""
+    matrix = np.zeros((*pose.shape[:-1], 4, 4))
+    axes = np.eye(3)
+    for column in range(3):
+        matrix[..., :3, column] = rotate(pose[..., 3:], np.broadcast_to(axes[column], (*pose.shape[:-1], 3)))
+    matrix[..., :3, 3] = pose[..., :3]
+    matrix[..., 3, 3] = 1.0
+    return matrix
+
+
+def from_matrix(matrix: ArrayLike) -> Array:
+    """Poses (..., 7) of homogeneous matrices (..., 4, 4) whose upper left block is a rotation.
+
+    Raises ValueError where it is not one (to 1e-3), or a number is not finite.
+    """
+    matrix = np.asarray(matrix, dtype=np.float64)
+    rotation = matrix[..., :3, :3]
+    gram = np.swapaxes(rotation, -1, -2) @ rotation
+    if not np.all(np.isfinite(matrix)) or np.abs(gram - np.eye(3)).max() > 1e-3 or np.any(np.linalg.det(rotation) < 0):
+        raise ValueError("the upper left 3x3 block of the matrix is not a rotation")
+    m = np.moveaxis(rotation, (-2, -1), (0, 1))
+    trace = m[0, 0] + m[1, 1] + m[2, 2]
+    # Four forms, each exact where its leading component is large; the largest is taken (Shepperd 1978).
+    forms = np.stack(
+        [
+            np.stack([1 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]], axis=-1),
+            np.stack([m[2, 1] - m[1, 2], 1 + 2 * m[0, 0] - trace, m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]], axis=-1),
+            np.stack([m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], 1 + 2 * m[1, 1] - trace, m[1, 2] + m[2, 1]], axis=-1),
+            np.stack([m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], 1 + 2 * m[2, 2] - trace], axis=-1),
+        ],
+        axis=-2,
+    )
+    leading = np.stack([forms[..., k, k] for k in range(4)], axis=-1).argmax(axis=-1)
+    q = np.take_along_axis(forms, leading[..., None, None], axis=-2)[..., 0, :]
+    return np.concatenate([matrix[..., :3, 3], q / np.linalg.norm(q, axis=-1, keepdims=True)], axis=-1)
+
+
+def random_quaternions(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+    """Unit quaternions (*shape, 4) uniform over all rotations."""
+    q = rng.standard_normal((*shape, 4))
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+
+
+def perturb(pose: Array, translation: Array, rotation: Array, centre: Array | float = 0.0) -> Array:
+    """Move poses (..., 7) by a `translation` and a `rotation` vector (..., 3), both in the world's axes.
+
+    The turn is about the point `centre` (..., 3) of the moved frame, so that a part's far end is not thrown about
+    when its frame's origin lies outside it.
+    """
+    q = quaternion_multiply(from_rotation_vector(rotation), pose[..., 3:])
+    offset = np.broadcast_to(np.asarray(centre, dtype=np.float64), (*q.shape[:-1], 3))
+    pivot = transform_points(pose, offset)
+    return np.concatenate([pivot + translation - rotate(q, offset), q], axis=-1)
+
+
+def mean(pose: Array, weights: Array) -> Array:
+    """Weighted mean (7,) of poses (T, 7): mean position, and the chordal mean rotation (Markley et al. 2007)."""
+    weights = weights / weights.sum()
+    q = pose[:, 3:]
+    _, vectors = np.linalg.eigh(np.einsum("t,ti,tj->ij", weights, q, q))
+    return np.concatenate([weights @ pose[:, :3], vectors[:, -1]])

@@ -1,0 +1,115 @@
+"""Moving many poses at once: through joints, and by small random motions. Numba twins of `Edge.pose_parent_child`
+and `poses.perturb`, which are the specification.
+
+Single-threaded on purpose: these run on a few thousand poses, where starting threads costs more than it saves.
+"""
+
+import numpy as np
+from numba import njit
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _multiply(a, b, out):
+    """out = a * b, poses of seven numbers; out may not alias a or b."""
+    w, x, y, z = a[3], a[4], a[5], a[6]
+    px, py, pz = b[0], b[1], b[2]
+    # v' = v + 2 u × (u × v + w v)
+    cx = y * pz - z * py + w * px
+    cy = z * px - x * pz + w * py
+    cz = x * py - y * px + w * pz
+    out[0] = a[0] + px + 2.0 * (y * cz - z * cy)
+    out[1] = a[1] + py + 2.0 * (z * cx - x * cz)
+    out[2] = a[2] + pz + 2.0 * (x * cy - y * cx)
+    out[3] = w * b[3] - x * b[4] - y * b[5] - z * b[6]
+    out[4] = w * b[4] + x * b[3] + y * b[6] - z * b[5]
+    out[5] = w * b[5] - x * b[6] + y * b[3] + z * b[4]
+    out[6] = w * b[6] + x * b[5] - y * b[4] + z * b[3]
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _invert(a, out):
+    """out = a^-1; out may not alias a."""
+    w, x, y, z = a[3], -a[4], -a[5], -a[6]
+    px, py, pz = -a[0], -a[1], -a[2]
+    cx = y * pz - z * py + w * px
+    cy = z * px - x * pz + w * py
+    cz = x * py - y * px + w * pz
+    out[0] = px + 2.0 * (y * cz - z * cy)
+    out[1] = py + 2.0 * (z * cx - x * cz)
+    out[2] = pz + 2.0 * (x * cy - y * cx)
+    out[3] = w
+    out[4] = x
+    out[5] = y
+    out[6] = z
+
+
+@njit(nogil=True, cache=True)
+def through_joints(poses_from, edge, to_child, axis_positions, axis_count, before, revolute, axes, after, out):
+    """Poses of the part on the other side of an edge.
+
+    poses_from : (G, M, 7), part on this side in world; edge : (G,) row of the edge table; to_child : (G,) bool
+    axis_positions : (G, M, D, K)
+    axis_count (E,), before (E, K, 7), revolute (E, K), axes (E, K, 3), after (E, 7) : the edge table
+    out : (G, M, D, 7)
+    """
+    relative = np.empty(7)
+    scratch = np.empty(7)
+    motion = np.empty(7)
+    for g in range(poses_from.shape[0]):
+        e = edge[g]
+        for m in range(poses_from.shape[1]):
+            for d in range(axis_positions.shape[2]):
+                relative[:] = 0.0
+                relative[3] = 1.0
+                for k in range(axis_count[e]):
+                    _multiply(relative, before[e, k], scratch)
+                    q = axis_positions[g, m, d, k]
+                    motion[:] = 0.0
+                    if revolute[e, k]:
+                        sine = np.sin(0.5 * q)
+                        motion[3] = np.cos(0.5 * q)
+                        for c in range(3):
+                            motion[4 + c] = sine * axes[e, k, c]
+                    else:
+                        motion[3] = 1.0
+                        for c in range(3):
+                            motion[c] = q * axes[e, k, c]
+                    _multiply(scratch, motion, relative)
+                _multiply(relative, after[e], scratch)
+                if to_child[g]:
+                    _multiply(poses_from[g, m], scratch, out[g, m, d])
+                else:
+                    _invert(scratch, relative)
+                    _multiply(poses_from[g, m], relative, out[g, m, d])
+
+
+@njit(nogil=True, cache=True)
+def perturb(poses, translation, rotation, centre, out):
+    """poses, out : (B, 7); translation, rotation : (B, 3) in world axes; centre : (B, 3) in the moved frame."""
+    turn = np.empty(7)
+    scratch = np.empty(7)
+    pivot = np.empty(7)
+    pivot[:] = 0.0
+    pivot[3] = 1.0
+    for b in range(poses.shape[0]):
+        angle = np.sqrt(rotation[b, 0] ** 2 + rotation[b, 1] ** 2 + rotation[b, 2] ** 2)
+        scale = 0.5 if angle < 1e-9 else np.sin(0.5 * angle) / angle
+        for c in range(3):
+            pivot[c] = centre[b, c]
+        _multiply(poses[b], pivot, scratch)
+        turn[0] = scratch[0] + translation[b, 0]
+        turn[1] = scratch[1] + translation[b, 1]
+        turn[2] = scratch[2] + translation[b, 2]
+        turn[3] = np.cos(0.5 * angle)
+        for c in range(3):
+            turn[4 + c] = scale * rotation[b, c]
+            scratch[c] = 0.0
+        _multiply(turn, scratch, out[b])
+        for c in range(3):
+            pivot[c] = -centre[b, c]
+        _multiply(out[b], pivot, scratch)
+        length = np.sqrt(scratch[3] ** 2 + scratch[4] ** 2 + scratch[5] ** 2 + scratch[6] ** 2)
+        for c in range(3):
+            out[b, c] = scratch[c]
+        for c in range(3, 7):
+            out[b, c] = scratch[c] / length

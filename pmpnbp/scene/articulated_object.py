@@ -1,0 +1,170 @@
+"""The articulated object: rigid parts, the joints between them, and where every part is for given joint positions.
+
+Links that `fixed` joints hold together move as one and are one **part**, a node of the Markov random field. A link
+without geometry cannot be seen: where it only passes motion on (one moving joint above, one below), its two joints
+form one **edge** between the parts they connect. So an edge is a chain of one or more elementary axes, each of which
+slides or turns; a planar joint is three of them, a floating joint six, a mimic joint one whose coordinate is another
+joint's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles. vertices : (V, 3) float64, metres; faces : (F, 3) int32, indices into vertices, outward by the
+    right-hand rule where the file was so."""
+
+    vertices: Array
+    faces: NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Links fixed to each other, a node of the MRF.
+
+    name : that of its first link with geometry, from the root down
+    links : names of all its links
+    poses_part_link : (L, 7), each link in the part's frame, which is that of the first of `links`
+    mesh : all visual geometry (collision geometry where there is no visual one), in the part's frame; no faces where
+        the part has no geometry, and then its unary potential is 1 everywhere
+    inference_mesh : the same, reduced to a triangle budget
+    deviation : largest distance from `mesh` to `inference_mesh`, metres
+    """
+
+    name: str
+    links: tuple[str, ...]
+    poses_part_link: Array
+    mesh: Mesh
+    inference_mesh: Mesh
+    deviation: float
+
+    @property
+    def visible(self) -> bool:
+        """Whether the part has any surface."""
+        return len(self.mesh.faces) > 0
+
+    @property
+    def centre(self) -> Array:
+        """(3,): the middle of the part's bounding box, in the part's frame; zero without geometry."""
+        if not self.visible:
+            return np.zeros(3)
+        used = self.mesh.vertices
+        return (used.min(axis=0) + used.max(axis=0)) / 2
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint of the URDF as written. kind : fixed, revolute, continuous, prismatic, planar or floating; lower, upper
+    in metres or radians (the whole turn for continuous); coordinates : its entries of the object's joint vector
+    (none for fixed; those of the followed joint for a mimic joint, which moves by multiplier * position + offset)."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    pose_parent_joint: Array
+    axis: Array
+    lower: float
+    upper: float
+    coordinates: tuple[int, ...] = ()
+    mimic: str | None = None
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Edge:
+    """The motion between two parts: pose_parent_child = before_0 * motion_0(q) * before_1 * motion_1(q) … * after.
+
+    parent, child : indices of parts
+    poses_before : (K, 7); pose_after : (7,)
+    revolute : (K,) bool, else prismatic
+    axes : (K, 3) unit vectors, in the frame after poses_before
+    lower, upper : (K,), metres or radians, of the axis itself (multiplier and offset of a mimic joint applied)
+    wraps : (K,) bool, a full turn whose two ends are the same place
+    coordinates : (K,) int, entries of the joint vector
+    multiplier, offset : (K,): the axis moves by multiplier * q[coordinate] + offset (1 and 0 but for mimic joints)
+    """
+
+    parent: int
+    child: int
+    poses_before: Array
+    pose_after: Array
+    revolute: NDArray[np.bool_]
+    axes: Array
+    lower: Array
+    upper: Array
+    wraps: NDArray[np.bool_]
+    coordinates: NDArray[np.int64]
+    multiplier: Array
+    offset: Array
+
+    def axis_positions(self, joint_positions: Array) -> Array:
+        """(..., K): how far each axis is moved when the object's joint vector is `joint_positions` (..., D)."""
+        return self.multiplier * joint_positions[..., self.coordinates] + self.offset
+
+    def pose_parent_child(self, axis_positions: Array) -> Array:
+        """Poses (..., 7) of the child in the parent for axis positions (..., K)."""
+        pose = np.broadcast_to(poses.IDENTITY, (*axis_positions.shape[:-1], 7))
+        for k in range(len(self.axes)):
+            pose = poses.multiply(pose, self.poses_before[k])
+            pose = poses.multiply(pose, axis_motion(self.revolute[k], self.axes[k], axis_positions[..., k]))
+        return poses.multiply(pose, self.pose_after)
+
+
+def axis_motion(revolute: bool, axis: Array, position: Array) -> Array:
+    """Poses (..., 7): a turn by `position` radians about `axis` (3,), or a slide by `position` metres along it."""
+    vector = np.asarray(position)[..., None] * axis
+    if revolute:
+        return np.concatenate([np.zeros_like(vector), poses.from_rotation_vector(vector)], axis=-1)
+    identity = np.broadcast_to(poses.IDENTITY[3:], (*vector.shape[:-1], 4))
+    return np.concatenate([vector, identity], axis=-1)
+
+
+@dataclass(frozen=True)
+class ArticulatedObject:
+    """A robot, a cabinet, a lamp: what a URDF describes, ready for inference.
+
+    parts : the nodes; parts[0] is the root of the tree
+    edges : N - 1 of them for a URDF, each after the edge that reaches its parent
+    joints : every joint of the URDF, fixed ones too, from the root down
+    links : every link's name, from the root down; link_part, link_in_part : its part and its place in part.links
+    coordinate_names, lower, upper, wraps : (D,) the joint vector: `joint`, or `joint/x` for joints with several
+    virtual_links : links above the first part or below the last that no part holds, with the joint chain that leads
+        to them from a part (see `link_poses`)
+    """
+
+    name: str
+    parts: tuple[Part, ...]
+    edges: tuple[Edge, ...]
+    joints: tuple[Joint, ...]
+    links: tuple[str, ...]
+    coordinate_names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    wraps: NDArray[np.bool_]
+    urdf: str = field(default="", repr=False)
+
+    @property
+    def dof(self) -> int:
+        """Length D of the joint vector."""
+        return len(self.coordinate_names)
+
+    def part_poses(self, pose_world_root: Array, joint_positions: Array) -> Array:
+        """Forward kinematics over the tree: part poses (..., N, 7) from the root part's pose (..., 7) and the joint
+        vector (..., D). Edges beyond the tree (a closed loop) are not used."""
+        found: dict[int, Array] = {0: pose_world_root}
+        for edge in self.edges:
+            if edge.child not in found:
+                relative = edge.pose_parent_child(edge.axis_positions(joint_positions))
+                found[edge.child] = poses.multiply(found[edge.parent], relative)
+        return np.stack([found[part] for part in range(len(self.parts))], axis=-2)

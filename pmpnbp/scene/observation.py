@@ -1,0 +1,65 @@
+"""What the sensor saw, prepared for the potentials: depth images at working size, support planes, oriented points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.geometry.camera import Camera
+from pmpnbp.geometry.poses import Array
+
+# What a pixel of a view is to the unary potential.
+NO_DEPTH, OBJECT, SUPPORT, OUTSIDE = 0, 1, 2, 3
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One depth image as read from a file.
+
+    camera : its camera; depth : (height, width) float32, metres along z, 0 where nothing was measured
+    frame_id : the name of the world frame; stamp : seconds, or None
+    """
+
+    camera: Camera
+    depth: NDArray[np.float32]
+    frame_id: str = "world"
+    stamp: float | None = None
+
+
+@dataclass(frozen=True)
+class View:
+    """A scan cropped to the region of interest and binned to working size.
+
+    camera : of the small image; depth : (h, w) float32, metres, 0 where nothing was measured
+    category : (h, w) uint8: NO_DEPTH, OBJECT (may be the object), SUPPORT (on a support plane), OUTSIDE (measured,
+        but outside the region of interest)
+    normals : (h, w, 3) float32, in the camera frame, towards the camera; zero where unknown
+    """
+
+    camera: Camera
+    depth: NDArray[np.float32]
+    category: NDArray[np.uint8]
+    normals: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Observation:
+    """All that is known of a scene.
+
+    views : one per scan; the unary potential is the product over them
+    points, normals : (P, 3) float64, world, metres: the OBJECT pixels of all views with a normal
+    planes : (K, 4) support planes n·x + d = 0 in world, n towards the cameras
+    up : (3,) unit vector, world: the direction away from the ground, which `upright` priors refer to
+    region : (6,) x0 y0 z0 x1 y1 z1 in world, or None
+    """
+
+    views: tuple[View, ...]
+    points: Array
+    normals: Array
+    planes: Array
+    up: Array
+    region: Array | None
+    frame_id: str = "world"
+    stamp: float | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ class Camera:
     fy: float
     cx: float
     cy: float
-    pose_world_camera: Array = IDENTITY
+    pose_world_camera: Array = field(default_factory=lambda: IDENTITY)
 
     def rays(self) -> NDArray[np.float32]:
         """(height, width, 3): the point of each pixel's ray at depth 1, in the camera frame."""

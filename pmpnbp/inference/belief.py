@@ -15,6 +15,7 @@ from pmpnbp.geometry.poses import Array
 # Where a particle was proposed from (`Belief.source`): the start, its own node's belief, a neighbour's through a joint,
 # an oriented point of the scan, a flip of the whole object.
 START, OWN, NEIGHBOUR, SURFACE, FLIP = 0, 1, 2, 3, 4
+SOURCES = ("start", "own", "neighbour", "surface", "flip")
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,11 @@ class Messages:
     """Messages m_{t→s} over the E directed edges, particles of the receiving node s (algorithm box 1).
 
     sender, receiver : (E,) int32
-    particle : (E, M) int32, which of the receiver's proposals each sample is; poses : (E, M, 7)
+    poses : (E, M, 7), samples of the receiver's pose
     log_weights : (E, M), normalised
     log_unary, log_neighbour : (E, M), its two factors w_unary and w_neigh (log_neighbour is the sum over the senders'
         other neighbours)
+    joint_draw : (E, M, K) axis positions of the joint draw that explains the sender's part best; 0 beyond an edge's own
     """
 
     sender: NDArray[np.int32]
@@ -62,9 +64,24 @@ class Messages:
     log_weights: Array
     log_unary: Array
     log_neighbour: Array
+    joint_draw: Array
 
     def __post_init__(self) -> None:
         _freeze(self)
+
+
+@dataclass(frozen=True)
+class State:
+    """What the next iteration needs, and nothing else; every part of it is recorded.
+
+    root, joints : (7,), (D,) the whole-object estimate so far, None before the first
+    """
+
+    iteration: int
+    belief: Belief
+    messages: Messages | None = None
+    root: Array | None = None
+    joints: Array | None = None
 
 
 @dataclass(frozen=True)

@@ -63,9 +63,16 @@ class Part:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint of the URDF as written. kind : fixed, revolute, continuous, prismatic, planar or floating; lower, upper
-    in metres or radians (the whole turn for continuous); coordinates : its entries of the object's joint vector
-    (none for fixed; those of the followed joint for a mimic joint, which moves by multiplier * position + offset)."""
+    """A joint of the URDF.
+
+    kind : fixed, revolute, continuous, prismatic, planar or floating
+    pose_parent_joint : (7,), its frame in the parent link's; axis : (3,), unit vector in that frame
+    lower, upper : metres or radians; -pi and pi for continuous; for planar and floating of the slides; for a mimic
+        joint that part of its limits which the followed joint can take it to
+    coordinates : its entries of the object's joint vector (none for fixed; those of the followed joint for mimic)
+    mimic, multiplier, offset : the joint it follows (through any that follow others in turn), moving by
+        multiplier * position + offset
+    """
 
     name: str
     kind: str
@@ -79,6 +86,36 @@ class Joint:
     mimic: str | None = None
     multiplier: float = 1.0
     offset: float = 0.0
+
+    def elementary_axes(self) -> tuple[NDArray[np.bool_], Array]:
+        """The slides and turns it is made of, in order: revolute (K,) bool, axes (K, 3) in the joint's frame.
+
+        Planar: two slides across the axis (along x and y where the axis is z), then a turn about it. Floating: slides
+        along x, y, z, then turns about x, y, z, each about the axes as the turns before have left them.
+        """
+        if self.kind == "floating":
+            return np.array([False] * 3 + [True] * 3), np.concatenate([np.eye(3), np.eye(3)])
+        if self.kind == "planar":
+            following = np.eye(3)[(int(np.abs(self.axis).argmax()) + 1) % 3]
+            first = following - self.axis * (following @ self.axis)
+            first /= np.linalg.norm(first)
+            return np.array([False, False, True]), np.stack([first, np.cross(self.axis, first), self.axis])
+        if self.kind == "fixed":
+            return np.zeros(0, dtype=np.bool_), np.zeros((0, 3))
+        return np.array([self.kind != "prismatic"]), self.axis[None]
+
+    def positions(self, joint_positions: Array) -> Array:
+        """(..., K): how far each of its elementary axes is moved at the joint vector (..., D)."""
+        return self.multiplier * joint_positions[..., list(self.coordinates)] + self.offset
+
+    def pose_parent_child(self, joint_positions: Array) -> Array:
+        """Poses (..., 7) of the child link in the parent link at the joint vector (..., D)."""
+        revolute, axes = self.elementary_axes()
+        moved = self.positions(joint_positions)
+        pose = np.broadcast_to(self.pose_parent_joint, (*moved.shape[:-1], 7))
+        for k in range(len(axes)):
+            pose = poses.multiply(pose, axis_motion(bool(revolute[k]), axes[k], moved[..., k]))
+        return pose
 
 
 @dataclass(frozen=True)
@@ -136,11 +173,10 @@ class ArticulatedObject:
 
     parts : the nodes; parts[0] is the root of the tree
     edges : N - 1 of them for a URDF, each after the edge that reaches its parent
-    joints : every joint of the URDF, fixed ones too, from the root down
-    links : every link's name, from the root down; link_part, link_in_part : its part and its place in part.links
+    joints : every joint of the URDF, fixed ones too, from the root down (depth first)
+    links : every link's name, from the root down (depth first); those without geometry may be in no part
     coordinate_names, lower, upper, wraps : (D,) the joint vector: `joint`, or `joint/x` for joints with several
-    virtual_links : links above the first part or below the last that no part holds, with the joint chain that leads
-        to them from a part (see `link_poses`)
+    urdf : its text
     """
 
     name: str
@@ -162,9 +198,47 @@ class ArticulatedObject:
     def part_poses(self, pose_world_root: Array, joint_positions: Array) -> Array:
         """Forward kinematics over the tree: part poses (..., N, 7) from the root part's pose (..., 7) and the joint
         vector (..., D). Edges beyond the tree (a closed loop) are not used."""
-        found: dict[int, Array] = {0: pose_world_root}
+        shape = np.broadcast_shapes(pose_world_root.shape[:-1], joint_positions.shape[:-1])
+        found: dict[int, Array] = {0: np.broadcast_to(pose_world_root, (*shape, 7))}
         for edge in self.edges:
             if edge.child not in found:
                 relative = edge.pose_parent_child(edge.axis_positions(joint_positions))
                 found[edge.child] = poses.multiply(found[edge.parent], relative)
         return np.stack([found[part] for part in range(len(self.parts))], axis=-2)
+
+    def link_poses(self, part_poses: Array, joint_positions: Array) -> Array:
+        """Poses (..., L, 7) of every link, in the order of `links`, from part poses (..., N, 7) and the joint vector
+        (..., D).
+
+        A link that belongs to a part is where its part is. Any other follows from the nearest link that has a pose,
+        through the joints between: upwards from the first part, downwards everywhere else.
+        """
+        shape = np.broadcast_shapes(part_poses.shape[:-2], joint_positions.shape[:-1])
+        found: dict[str, Array] = {}
+        for index, part in enumerate(self.parts):
+            for link, pose_part_link in zip(part.links, part.poses_part_link, strict=True):
+                found[link] = poses.multiply(part_poses[..., index, :], pose_part_link)
+        above = self._above_first_part()
+        for joint in reversed(self.joints):
+            if joint.child in above and joint.parent not in found:
+                relative = poses.inverse(joint.pose_parent_child(joint_positions))
+                found[joint.parent] = poses.multiply(found[joint.child], relative)
+        for joint in self.joints:
+            if joint.child not in found:
+                found[joint.child] = poses.multiply(found[joint.parent], joint.pose_parent_child(joint_positions))
+        return np.stack([np.broadcast_to(found[link], (*shape, 7)) for link in self.links], axis=-2)
+
+    def joint_values(self, joint_positions: Array) -> dict[str, Array]:
+        """Positions (..., n) of every joint that moves, mimic joints too, by name, from the joint vector (..., D);
+        n is 1, or 3 for planar and 6 for floating joints."""
+        return {joint.name: joint.positions(joint_positions) for joint in self.joints if joint.kind != "fixed"}
+
+    def _above_first_part(self) -> set[str]:
+        """The first part's own first link, and all links that lead to it from the root."""
+        parent = {joint.child: joint.parent for joint in self.joints}
+        link: str | None = self.parts[0].links[0]
+        chain = set()
+        while link is not None:
+            chain.add(link)
+            link = parent.get(link)
+        return chain

@@ -1,0 +1,54 @@
+# Everything runs in .venv, which is made on first use; nothing is installed elsewhere but, as root, the system
+# packages that the Python packages link to. Another Python: make PYTHON=/path/to/python3.12 test
+
+PYTHON ?=
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+# pip's own advice about newer versions of itself, and its prompts, are noise in a log
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+export PIP_NO_INPUT := 1
+
+.PHONY: test install lint format types benchmark clean system-packages
+.DEFAULT_GOAL := test
+
+## test: format and lint check, type check, tests, in that order
+test: lint types
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+## install: .venv with this project, what it needs and what its tests need
+install: $(STAMP)
+
+## lint: what `make format` would change, and the linter's findings
+lint: $(STAMP)
+	$(BIN)/python -m ruff format --check .
+	$(BIN)/python -m ruff check .
+
+## types: the type checker over pmpnbp and app
+types: $(STAMP)
+	$(BIN)/python -m mypy
+
+## format: rewrite the source as the formatter and the safe fixes of the linter have it
+format: $(STAMP)
+	$(BIN)/python -m ruff format .
+	$(BIN)/python -m ruff check --fix .
+
+## benchmark: speeds, as ratios against named references in the same run
+benchmark: $(STAMP)
+	$(BIN)/pmpnbp benchmark
+
+## clean: remove .venv and all caches
+clean:
+	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(STAMP): pyproject.toml constraints.txt | system-packages
+	@$(BIN)/python -m pip --version >/dev/null 2>&1 || sh .ci/make_venv $(VENV) $(PYTHON)
+	@echo "Installing the packages of constraints.txt into $(VENV) (1.4 GB on disk, some minutes the first time)"
+	@$(BIN)/python -m pip install -qq --progress-bar off --editable '.[test]' --constraint constraints.txt \
+	  || { echo "The packages could not be installed into $(VENV); pip's own words are above." >&2; exit 1; }
+	@touch $@
+
+system-packages:
+	@sh .ci/system_packages

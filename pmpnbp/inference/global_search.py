@@ -1,0 +1,271 @@
+"""Where might the object be at all? Whole-object hypotheses, proposed, extended along the joints and thinned out.
+
+Belief propagation refines what it is near to; a closed cabinet looks much the same from its front, its back and half
+a width further. Each iteration of the search proposes many root poses (matches of oriented surface points or draws
+from the prior, small moves and quarter turns of what did well), walks from the root outwards and gives every joint the
+best of several positions for the part behind it, renders the best of the distinct hypotheses whole, and keeps the best
+of these as islands. The belief it leaves is made of whole objects: particle i of all parts is one hypothesis.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference import log_weights as lw
+from pmpnbp.inference.belief import FLIP, OWN, START, SURFACE, Belief, IterationReport, State
+from pmpnbp.inference.initialisation import matched_roots, prior_roots, random_joints
+from pmpnbp.inference.joint_draws import within_limits
+from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.tree_estimate import configuration_scores
+from pmpnbp.scene.articulated_object import Edge
+from pmpnbp.scene.prior import UniformPrior
+from pmpnbp.settings import Schedule, schedule
+
+# Splats a part is judged by in the search; a hypothesis that is far off needs no more to be dropped.
+SEARCH_POINTS = 64
+
+
+@dataclass(frozen=True)
+class Hypotheses:
+    """P whole objects: roots (P, 7), joints (P, D), where each came from and its ancestor (P,), parts' log unary (P, N)
+    and poses (P, N, 7)."""
+
+    roots: Array
+    joints: Array
+    source: NDArray[np.uint8]
+    ancestor: NDArray[np.int32]
+    unary: Array
+    part_poses: Array
+
+    def taken(self, rows: NDArray[np.int64]) -> Hypotheses:
+        """Those at `rows`."""
+        return Hypotheses(
+            self.roots[rows], self.joints[rows], self.source[rows], self.ancestor[rows], self.unary[rows],
+            self.part_poses[rows],
+        )  # fmt: skip
+
+
+def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, IterationReport]:
+    """One iteration of the search."""
+    began = time.perf_counter()
+    settings = problem.settings
+    number = state.iteration + 1
+    plan = schedule(settings, number)
+    tried = walk(rng, problem, _proposals(rng, state, problem, plan, number), plan)
+    total = tried.unary.sum(axis=1)
+    if problem.prior_node >= 0 and settings.prior_factor:
+        total = total + problem.log_prior(tried.part_poses[:, problem.prior_node])
+    # render twice as many as are kept: the sum over parts counts a pixel once for every part that claims it
+    order = np.argsort(-total, kind="stable")[: 20 * settings.search_islands]
+    leaders, member_of = _distinct(problem, tried, order, 3 * settings.search_islands, 1.5 * plan.diffusion_position)
+    whole = configuration_scores(problem, tried.roots[leaders], tried.joints[leaders], plan.tolerance)
+    ranked = np.argsort(-whole, kind="stable")[: settings.search_islands]
+    belief, temperature = _belief(problem, tried, total, order, member_of, leaders, whole, ranked)
+    best = leaders[ranked[0]]
+    new = State(number, belief, None, tried.roots[best], tried.joints[best])
+    shares = np.full((*belief.log_weights.shape, 0), np.nan)
+    report = IterationReport(
+        number, "search", belief, None, shares, np.full(problem.mrf.nodes, temperature), plan.tolerance,
+        lw.effective_sample_size(belief.log_weights), tried.part_poses[best], tried.joints[best],
+        float(whole[ranked[0]]), time.perf_counter() - began,
+    )  # fmt: skip
+    return new, report
+
+
+def _proposals(
+    rng: np.random.Generator, state: State, problem: Problem, plan: Schedule, number: int
+) -> tuple[Array, Array, NDArray[np.uint8], NDArray[np.int32]]:
+    """Roots, joints, source and ancestor: new ones, and offspring of the islands (most of them later on)."""
+    settings = problem.settings
+    count = settings.search_proposals
+    parents = None if number == 1 else np.unique(state.belief.island[0], return_index=True)[1]
+    offspring = 0 if parents is None else round(count * min(0.9, 0.3 + 0.6 * number / settings.search_iterations))
+    fresh = count - offspring
+    joints = random_joints(rng, problem, fresh)
+    if isinstance(problem.prior, UniformPrior):
+        roots, origin = matched_roots(rng, problem, joints), SURFACE
+    else:
+        roots, origin = prior_roots(rng, problem, joints), START
+    source = np.full(fresh, origin, dtype=np.uint8)
+    ancestor = np.full(fresh, -1, dtype=np.int32)
+    if parents is None:
+        return roots, joints, source, ancestor
+    assert state.belief.joint_positions is not None
+    ranks = rng.integers(len(parents), size=offspring)
+    # every other child descends from the better half
+    ranks[::2] = ranks[::2] // 2
+    chosen = parents[ranks]
+    chosen[: len(parents)] = parents
+    children = state.belief.poses[0, chosen].copy()
+    scale = np.exp(rng.uniform(np.log(0.1), np.log(1.5), (offspring, 1)))
+    scale[: len(parents)] = 0.0  # the islands themselves stay in the race
+    noise = scale * rng.standard_normal((offspring, 6))
+    children = poses.perturb(
+        children, plan.diffusion_position * noise[:, :3], plan.diffusion_rotation * noise[:, 3:], problem.mrf.centres[0]
+    )
+    flipped = np.flatnonzero(rng.random(offspring) < (0.3 if isinstance(problem.prior, UniformPrior) else 0.0))
+    flipped = flipped[flipped >= len(parents)]
+    centre = state.belief.poses[:, chosen[flipped], :3].mean(axis=0)
+    children[flipped] = _turned(rng, problem, children[flipped], centre)
+    kind = np.full(offspring, OWN, dtype=np.uint8)
+    kind[flipped] = FLIP
+    return (
+        np.concatenate([roots, children]),
+        np.concatenate([joints, state.belief.joint_positions[chosen]]),
+        np.concatenate([source, kind]),
+        np.concatenate([ancestor, chosen.astype(np.int32)]),
+    )
+
+
+def _turned(rng: np.random.Generator, problem: Problem, roots: Array, centre: Array) -> Array:
+    """Roots (P, 7) turned by 90, 180 or 270° about `centre` (P, 3): about up, or any axis of the root in turn."""
+    assert isinstance(problem.prior, UniformPrior)
+    angle = rng.integers(1, 4, size=(len(roots), 1)) * (np.pi / 2)
+    axis = np.broadcast_to(problem.observation.up, (len(roots), 3))
+    if problem.prior.orientation == "any":
+        axis = poses.rotate(roots[:, 3:], np.eye(3)[rng.integers(3, size=len(roots))])
+    turn = poses.from_rotation_vector(angle * axis)
+    position = centre + poses.rotate(turn, roots[:, :3] - centre)
+    return np.concatenate([position, poses.quaternion_multiply(turn, roots[:, 3:])], axis=-1)
+
+
+def walk(
+    rng: np.random.Generator,
+    problem: Problem,
+    proposals: tuple[Array, Array, NDArray[np.uint8], NDArray[np.int32]],
+    plan: Schedule,
+) -> Hypotheses:
+    """From the root outwards, give each joint the position at which the part behind it explains the scan best.
+
+    Positions tried: the proposal's own, some near it, and stratified ones over the range, as many as bring the part
+    within the tolerance of any place it can reach. Half of the proposals choose with some chance, so that a part that
+    is taken in by a wrong surface is not so in all of them.
+    """
+    roots, joints, source, ancestor = proposals
+    mrf, count = problem.mrf, len(roots)
+    joints = joints.copy()
+    part_poses = np.zeros((count, mrf.nodes, 7))
+    unary = np.zeros((count, mrf.nodes))
+    part_poses[:, 0] = roots
+    unary[:, 0] = problem.unary(np.zeros(count, dtype=np.int32), roots, plan.tolerance, "splats", SEARCH_POINTS)
+    placed = {0}
+    for number, edge in enumerate(mrf.model.edges):
+        if edge.child in placed:
+            continue
+        placed.add(edge.child)
+        settled = edge.axis_positions(joints)
+        fixed_already = all(c in _coordinates_of(mrf.model.edges[:number]) for c in edge.coordinates)
+        axes = settled[:, None] if fixed_already else _trials(rng, edge, settled, mrf.radii[edge.child], plan)
+        draws, depth = axes.shape[1:]
+        padded = np.zeros((1, count, draws, mrf.axes_per_edge))
+        padded[0, ..., :depth] = axes
+        to_child = np.array([2 * number + 1], dtype=np.int32)
+        tried = mrf.across(to_child, part_poses[None, :, edge.parent], padded)[0]
+        node = np.full(count * draws, edge.child, dtype=np.int32)
+        score = problem.unary(node, tried.reshape(-1, 7), plan.tolerance, "splats", SEARCH_POINTS).reshape(count, draws)
+        noise = rng.gumbel(size=score.shape) * (0.1 * np.abs(score).max(axis=1, keepdims=True) + 1e-9)
+        noise[::2] = 0.0
+        pick = (score + noise).argmax(axis=1)
+        rows = np.arange(count)
+        part_poses[:, edge.child], unary[:, edge.child] = tried[rows, pick], score[rows, pick]
+        moving = edge.multiplier != 0
+        joints[:, edge.coordinates[moving]] = (
+            (axes[rows, pick] - edge.offset) / np.where(moving, edge.multiplier, 1)
+        )[:, moving]
+    return Hypotheses(roots, joints, source, ancestor, unary, part_poses)
+
+
+def _coordinates_of(edges: tuple[Edge, ...]) -> set[int]:
+    return {int(c) for edge in edges for c in edge.coordinates}
+
+
+def _trials(rng: np.random.Generator, edge: Edge, settled: Array, radius: float, plan: Schedule) -> Array:
+    """Axis positions to try (P, draws, K), the present ones first."""
+    count, depth = settled.shape
+    lever = np.where(edge.revolute, radius, 1.0)
+    near = 3
+    fresh = int(np.clip(np.ceil(((edge.upper - edge.lower) * lever).max() / (1.5 * plan.tolerance)), 4, 20))
+    strata = np.broadcast_to(np.arange(fresh), (count, depth, fresh))
+    if depth > 1:
+        strata = np.concatenate([strata[:, :1], rng.permuted(strata[:, 1:], axis=2)], axis=1)
+    unit = (np.swapaxes(strata, 1, 2) + rng.random((count, fresh, depth))) / fresh
+    spread = plan.diffusion_position / np.maximum(lever, 0.02)
+    around = settled[:, None] + spread * rng.standard_normal((count, near, depth))
+    return np.concatenate(
+        [
+            settled[:, None],
+            within_limits(around, edge.lower, edge.upper, edge.wraps),
+            edge.lower + unit * (edge.upper - edge.lower),
+        ],
+        axis=1,
+    )
+
+
+def _distinct(
+    problem: Problem, tried: Hypotheses, order: NDArray[np.int64], most: int, apart: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Greedy choice, in `order`, of hypotheses further than `apart` metres from each other: rows of the chosen, and for
+    each of `order` the place of the chosen one it belongs to (-1: none)."""
+    centres, radii = problem.mrf.centres, problem.mrf.radii
+    corners = np.stack([centres, *(centres + radii[:, None] * axis for axis in np.eye(3))], axis=1)
+    marks = poses.transform_points(tried.part_poses[order][:, :, None], corners).reshape(len(order), -1, 3)
+    member_of = np.full(len(order), -1)
+    leaders: list[int] = []
+    for row in range(len(order)):
+        if member_of[row] >= 0:
+            continue
+        if len(leaders) == most:
+            break
+        waiting = np.flatnonzero(member_of < 0)
+        distance = np.sqrt(np.mean(np.sum((marks[waiting] - marks[row]) ** 2, axis=-1), axis=-1))
+        member_of[waiting[distance < apart]] = len(leaders)
+        leaders.append(row)
+    return order[np.array(leaders, dtype=np.int64)], member_of
+
+
+def _belief(
+    problem: Problem,
+    tried: Hypotheses,
+    total: Array,
+    order: NDArray[np.int64],
+    member_of: NDArray[np.int64],
+    leaders: NDArray[np.int64],
+    whole: Array,
+    ranked: NDArray[np.int64],
+) -> tuple[Belief, float]:
+    """Particles: each island gets some in proportion to its tempered weight, at least one, and fills them with its best
+    members."""
+    count = problem.particles
+    share = problem.settings.effective_share or 0.15
+    temperature = float(lw.tempering(whole[ranked], share))
+    weights = np.exp(lw.normalise(temperature * whole[ranked]))
+    ranked = ranked[:count]
+    slots = 1 + np.floor(weights[: len(ranked)] * (count - len(ranked))).astype(int)
+    slots[0] += count - slots.sum()
+    rows, island = [], []
+    for place, leader in enumerate(ranked):
+        members = order[member_of == leader]
+        members = np.concatenate([[leaders[leader]], members[members != leaders[leader]]])
+        rows.append(members[np.arange(slots[place]) % len(members)])
+        island.append(np.full(slots[place], place))
+    chosen, where = np.concatenate(rows), np.concatenate(island).astype(np.int32)
+    members = tried.taken(chosen)
+    # within an island by its members' own scores, between islands by the whole-object ones
+    merit = temperature * (total[chosen] - total[leaders[ranked]][where])
+    log_weights = lw.normalise(np.log(weights[where] / slots[where]) + np.minimum(merit, 0.0))
+    nodes = problem.mrf.nodes
+
+    def per_node(values: NDArray[np.generic]) -> NDArray[np.generic]:
+        return np.ascontiguousarray(np.broadcast_to(values, (nodes, count)))
+
+    return Belief(
+        np.ascontiguousarray(np.swapaxes(members.part_poses, 0, 1)), per_node(log_weights),
+        np.ascontiguousarray(members.unary.T), per_node(members.ancestor), per_node(members.source),
+        np.full((nodes, count), -1, dtype=np.int32), per_node(where), members.joints,
+    ), temperature  # fmt: skip

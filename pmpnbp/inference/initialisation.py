@@ -1,0 +1,154 @@
+"""Iteration 0: particles drawn from the prior (box 1 step 1a), and from matches of oriented surface points.
+
+The paper's start puts part origins on observed points. A large part's origin is then decimetres from the truth, since
+a point of its surface was seen and not its origin; the search starts from matched surface points instead.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.belief import START, Belief, State
+from pmpnbp.inference.problem import Problem
+from pmpnbp.scene.articulated_object import Mesh
+from pmpnbp.scene.prior import UniformPrior
+
+
+def start(rng: np.random.Generator, problem: Problem) -> State:
+    """The state before the first iteration."""
+    mrf, count = problem.mrf, problem.particles
+    if isinstance(problem.prior, UniformPrior):
+        points = problem.observation.points
+        shape = (mrf.nodes, count)
+        position = points[rng.integers(len(points), size=shape)]
+        particles = np.concatenate([position, _orientations(rng, problem, shape)], axis=-1)
+        return State(0, _unweighted(particles, None))
+    joints = random_joints(rng, problem, count)
+    roots = prior_roots(rng, problem, joints)
+    return State(0, _unweighted(np.swapaxes(mrf.model.part_poses(roots, joints), 0, 1), joints))
+
+
+def _unweighted(particles: Array, joints: Array | None) -> Belief:
+    shape = particles.shape[:2]
+    return Belief(
+        np.ascontiguousarray(particles), np.full(shape, -np.log(shape[1])), np.zeros(shape),
+        np.full(shape, -1, dtype=np.int32), np.full(shape, START, dtype=np.uint8), np.full(shape, -1, dtype=np.int32),
+        np.zeros(shape, dtype=np.int32), joints,
+    )  # fmt: skip
+
+
+def _orientations(rng: np.random.Generator, problem: Problem, shape: tuple[int, ...]) -> Array:
+    """Quaternions (*shape, 4): uniform over all rotations, or upright with any yaw."""
+    assert isinstance(problem.prior, UniformPrior)
+    if problem.prior.orientation == "any":
+        return poses.random_quaternions(rng, shape)
+    turn = rng.uniform(-np.pi, np.pi, (*shape, 1)) * np.array([0.0, 0.0, 1.0])
+    return poses.quaternion_multiply(upright(problem.observation.up), poses.from_rotation_vector(turn))
+
+
+def upright(up: Array) -> Array:
+    """The shortest rotation (4,) that takes the model's z axis to `up` (3,)."""
+    cross = np.cross([0.0, 0.0, 1.0], up)
+    if up[2] < -0.999999:
+        return np.array([0.0, 1.0, 0.0, 0.0])
+    q = np.concatenate([[1.0 + up[2]], cross])
+    return q / np.linalg.norm(q)
+
+
+def random_joints(rng: np.random.Generator, problem: Problem, count: int) -> Array:
+    """Joint vectors (count, D) from the prior: gaussian where it names a joint, else uniform between the limits."""
+    model = problem.mrf.model
+    joints = rng.uniform(model.lower, model.upper, (count, model.dof))
+    for coordinate, (position, std) in problem.joint_prior.items():
+        drawn = position + std * rng.standard_normal(count)
+        joints[:, coordinate] = np.clip(drawn, model.lower[coordinate], model.upper[coordinate])
+    return joints
+
+
+def prior_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> Array:
+    """Root poses (count, 7) for which the part that the gaussian prior names has a pose drawn from it."""
+    prior = problem.prior
+    assert not isinstance(prior, UniformPrior)
+    count = len(joints)
+    drawn = poses.perturb(
+        np.broadcast_to(problem.prior_pose, (count, 7)),
+        prior.std_xyz * rng.standard_normal((count, 3)),
+        prior.std_rpy * rng.standard_normal((count, 3)),
+    )
+    pose_root_part = problem.mrf.model.part_poses(poses.IDENTITY, joints)[..., problem.prior_node, :]
+    return poses.multiply(drawn, poses.inverse(pose_root_part))
+
+
+def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> Array:
+    """Root poses (count, 7) that lay a random oriented surface point of the object, its joints at `joints` (count, D),
+    on a random oriented point of the scan.
+
+    Upright: the yaw that turns the one normal's horizontal direction to the other's (any yaw where it is vertical);
+    pairs whose inclinations differ are drawn again. Any orientation: the shortest rotation, after any turn about the
+    normal.
+    """
+    prior, observation = problem.prior, problem.observation
+    assert isinstance(prior, UniformPrior)
+    count = len(joints)
+    part_poses = problem.mrf.model.part_poses(poses.IDENTITY, joints)
+    areas = np.array([_area(part.inference_mesh) for part in problem.mrf.model.parts])
+    points, normals = np.empty((count, 3)), np.empty((count, 3))
+    seen = np.empty(count, dtype=np.int64)
+    upright_world = upright(observation.up)
+    inclination = observation.normals @ observation.up
+    waiting = np.arange(count)
+    for _ in range(12):
+        node = rng.choice(len(areas), size=len(waiting), p=areas / areas.sum())
+        for part in np.unique(node):
+            rows = waiting[node == part]
+            surface, normal = _surface_points(rng, problem.mrf.model.parts[part].inference_mesh, len(rows))
+            points[rows] = poses.transform_points(part_poses[rows, part], surface)
+            normals[rows] = poses.rotate(part_poses[rows, part, 3:], normal)
+        seen[waiting] = rng.integers(len(observation.points), size=len(waiting))
+        if prior.orientation == "any":
+            break
+        waiting = waiting[np.abs(normals[waiting, 2] - inclination[seen[waiting]]) > 0.2]
+        if not len(waiting):
+            break
+    if prior.orientation == "any":
+        turn = poses.from_rotation_vector(rng.uniform(-np.pi, np.pi, (count, 1)) * normals)
+        rotation = poses.quaternion_multiply(_between(normals, observation.normals[seen]), turn)
+    else:
+        target = poses.rotate(poses.quaternion_conjugate(upright_world), observation.normals[seen])
+        yaw = np.arctan2(target[:, 1], target[:, 0]) - np.arctan2(normals[:, 1], normals[:, 0])
+        steep = np.hypot(target[:, 0], target[:, 1]) < 0.5
+        yaw = np.where(steep, rng.uniform(-np.pi, np.pi, count), yaw)
+        about_up = poses.from_rotation_vector(yaw[:, None] * np.array([0.0, 0.0, 1.0]))
+        rotation = poses.quaternion_multiply(upright_world, about_up)
+    return np.concatenate([observation.points[seen] - poses.rotate(rotation, points), rotation], axis=-1)
+
+
+def _between(a: Array, b: Array) -> Array:
+    """Shortest rotations (P, 4) that take unit vectors a (P, 3) to b (P, 3)."""
+    w = 1.0 + np.einsum("pc,pc->p", a, b)
+    opposite = w < 1e-9
+    aside = np.cross(a, np.where(np.abs(a[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
+    q = np.concatenate([np.where(opposite, 0.0, w)[:, None], np.where(opposite[:, None], aside, np.cross(a, b))], axis=1)
+    return q / np.linalg.norm(q, axis=1, keepdims=True)
+
+
+def _crosses(mesh: Mesh) -> Array:
+    corners = mesh.vertices[mesh.faces]
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def _area(mesh: Mesh) -> float:
+    return float(np.linalg.norm(_crosses(mesh), axis=1).sum() / 2) if len(mesh.faces) else 0.0
+
+
+def _surface_points(rng: np.random.Generator, mesh: Mesh, count: int) -> tuple[Array, Array]:
+    """Points and outward normals (count, 3), uniform over the surface."""
+    cross = _crosses(mesh)
+    length = np.linalg.norm(cross, axis=1)
+    face = rng.choice(len(length), size=count, p=length / length.sum())
+    u, v = rng.random((2, count, 1))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face]], 1, 0)
+    return a + u * (b - a) + v * (c - a), cross[face] / length[face, None]

@@ -1,0 +1,91 @@
+"""The Markov random field of an articulated object: parts as nodes, joints as edges, two messages an edge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.geometry.poses import Array
+from pmpnbp.potentials.kernels import kinematics
+from pmpnbp.potentials.pairwise import EdgeTable, edge_table
+from pmpnbp.scene.articulated_object import ArticulatedObject
+
+
+@dataclass(frozen=True)
+class Mrf:
+    """Directed edges and the edge table for the kernels.
+
+    sender, receiver, edge : (E,) int32, E = 2 * number of edges; message e goes sender[e] → receiver[e] along the
+        object's edge[e]; message 2k is parent → child of edge k, message 2k + 1 child → parent
+    incoming : for each node, the messages that reach it, in order of their number
+    feeding : (E,) lists: the messages u → sender[e] with u other than receiver[e] (box 1 step 2c)
+    table : the edges as the pairwise potential's sums take them
+    centres, radii : (N, 3), (N,) metres, middle of each part's bounding box and its half diagonal
+    """
+
+    model: ArticulatedObject
+    sender: NDArray[np.int32]
+    receiver: NDArray[np.int32]
+    edge: NDArray[np.int32]
+    incoming: tuple[tuple[int, ...], ...]
+    feeding: tuple[tuple[int, ...], ...]
+    centres: Array
+    radii: Array
+    axis_count: NDArray[np.int64]
+    before: Array
+    revolute: NDArray[np.bool_]
+    axes: Array
+    after: Array
+    table: EdgeTable
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes N."""
+        return len(self.model.parts)
+
+    @property
+    def axes_per_edge(self) -> int:
+        """Largest number K of axes of an edge."""
+        return self.before.shape[1]
+
+    def across(self, message: NDArray[np.int32], poses_receiver: Array, axis_positions: Array) -> Array:
+        """Poses of the sender's part (G, M, D, 7) for poses of the receiver's (G, M, 7) and axis positions
+        (G, M, D, K), for the messages (G,)."""
+        out = np.empty((*axis_positions.shape[:3], 7))
+        # message 2k + 1 is sent by the child, so the way back from its receiver leads to the child
+        kinematics.through_joints(
+            np.ascontiguousarray(poses_receiver), self.edge[message], message % 2 == 1,
+            np.ascontiguousarray(axis_positions), self.axis_count, self.before, self.revolute, self.axes, self.after, out,
+        )  # fmt: skip
+        return out
+
+
+def build(model: ArticulatedObject) -> Mrf:
+    """The MRF of a model. Edges beyond a tree are allowed: the graph may have loops."""
+    edges = model.edges
+    sender = np.array([[edge.parent, edge.child] for edge in edges], dtype=np.int32).reshape(-1)
+    receiver = np.array([[edge.child, edge.parent] for edge in edges], dtype=np.int32).reshape(-1)
+    messages = range(len(sender))
+    incoming = tuple(tuple(e for e in messages if receiver[e] == node) for node in range(len(model.parts)))
+    # the message back along the same edge is e ^ 1; in a graph with two edges between two parts only that one is left out
+    feeding = tuple(tuple(f for f in incoming[sender[e]] if f != e ^ 1) for e in messages)
+    depth = max((len(edge.axes) for edge in edges), default=1)
+    count = len(edges)
+    before, axes = np.zeros((count, depth, 7)), np.zeros((count, depth, 3))
+    revolute, after = np.zeros((count, depth), dtype=bool), np.zeros((count, 7))
+    before[..., 3] = 1.0
+    for row, edge in enumerate(edges):
+        k = len(edge.axes)
+        before[row, :k], axes[row, :k], revolute[row, :k] = edge.poses_before, edge.axes, edge.revolute
+        after[row] = edge.pose_after
+    centres = np.array([part.centre for part in model.parts]).reshape(-1, 3)
+    radii = np.array(
+        [np.linalg.norm(np.ptp(part.mesh.vertices, axis=0)) / 2 if part.visible else 0.05 for part in model.parts]
+    )
+    return Mrf(
+        model, sender, receiver, np.arange(len(sender), dtype=np.int32) // 2, incoming, feeding, centres, radii,
+        np.array([len(edge.axes) for edge in edges], dtype=np.int64), before, revolute, axes, after,
+        edge_table(edges),
+    )  # fmt: skip

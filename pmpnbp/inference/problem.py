@@ -1,0 +1,127 @@
+"""What is given to an inference: the object, the scan, the prior and the settings, made ready once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference import mrf as mrf_module
+from pmpnbp.inference.mrf import Mrf
+from pmpnbp.potentials.surfaces import Surfaces, prepare_surfaces
+from pmpnbp.potentials.unary import PixelScore, unary_scores
+from pmpnbp.scene.articulated_object import ArticulatedObject
+from pmpnbp.scene.observation import Observation
+from pmpnbp.scene.prior import GaussianPrior, UniformPrior
+from pmpnbp.settings import Settings
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The inputs of every step.
+
+    prior_node : the part that a gaussian prior names, or -1; prior_pose : (7,) of that part in world
+    joint_prior : mean and standard deviation of the joint coordinates that the prior names
+    joint_turns : (D,) whether a coordinate is an angle
+    """
+
+    mrf: Mrf
+    observation: Observation
+    surfaces: Surfaces
+    prior: UniformPrior | GaussianPrior
+    prior_node: int
+    prior_pose: Array
+    settings: Settings
+    particles: int
+    seed: int
+    joint_prior: dict[int, tuple[float, float]]
+    joint_turns: NDArray[np.bool_]
+
+    def score(self, tolerance: float) -> PixelScore:
+        """The pixel score of the settings at a tolerance in metres."""
+        chosen = self.settings
+        return PixelScore(
+            chosen.pixel_score, tolerance, chosen.free_space_cost, chosen.occlusion_cost, chosen.support_reward
+        )
+
+    def unary(self, node: Array, part_poses: Array, tolerance: float, renderer: str, points: int = 0) -> Array:
+        """log unary potential (before tempering) of parts `node` (B,) at `part_poses` (B, 7)."""
+        return unary_scores(
+            self.observation, self.surfaces, node, part_poses, self.score(tolerance),
+            renderer=renderer, points=points or self.settings.splat_points,
+        )  # fmt: skip
+
+    def log_prior(self, part_poses: Array) -> Array:
+        """log density, up to a constant, of the gaussian prior at poses (..., 7) of `prior_node`."""
+        assert isinstance(self.prior, GaussianPrior)
+        offset = (part_poses[..., :3] - self.prior_pose[:3]) / self.prior.std_xyz
+        turn = poses.quaternion_multiply(part_poses[..., 3:], poses.quaternion_conjugate(self.prior_pose[3:]))
+        angle = poses.to_rotation_vector(turn) / self.prior.std_rpy
+        return -0.5 * (np.einsum("...c,...c", offset, offset) + np.einsum("...c,...c", angle, angle))
+
+
+def build(
+    model: ArticulatedObject,
+    observation: Observation,
+    prior: UniformPrior | GaussianPrior,
+    settings: Settings,
+    *,
+    particles: int = 400,
+    seed: int = 0,
+) -> Problem:
+    """Prepare the inputs: splat models of the parts, the MRF, the prior in the frame of its part."""
+    node, pose = -1, poses.IDENTITY
+    known: dict[int, tuple[float, float]] = {}
+    if isinstance(prior, GaussianPrior):
+        node, pose = _prior_in_part(model, prior)
+        coordinates = {joint.name: joint.coordinates for joint in model.joints}
+        known = {c: prior.joints[name] for name in prior.joints for c in coordinates[name]}
+        model = _narrowed(model, known)
+    turns = np.zeros(model.dof, dtype=bool)
+    for edge in model.edges:
+        turns[edge.coordinates] |= edge.revolute
+    return Problem(
+        mrf_module.build(model), observation, prepare_surfaces(model, points=max(settings.splat_points, 64)), prior,
+        node, pose, settings, particles, seed, known, turns,
+    )  # fmt: skip
+
+
+def _narrowed(model: ArticulatedObject, known: dict[int, tuple[float, float]]) -> ArticulatedObject:
+    """The model with joint limits drawn in to three standard deviations around what the prior knows of them."""
+    lower, upper, wraps = model.lower.copy(), model.upper.copy(), model.wraps.copy()
+    for coordinate, (position, std) in known.items():
+        middle = np.clip(position, lower[coordinate], upper[coordinate])
+        lower[coordinate] = max(lower[coordinate], middle - 3 * std)
+        upper[coordinate] = min(upper[coordinate], middle + 3 * std)
+        wraps[coordinate] = False
+    edges = []
+    for edge in model.edges:
+        named = np.array([int(c) in known for c in edge.coordinates])
+        ends = np.stack([edge.axis_positions(lower), edge.axis_positions(upper)])
+        edges.append(
+            replace(
+                edge,
+                lower=np.where(named, np.maximum(edge.lower, ends.min(axis=0)), edge.lower),
+                upper=np.where(named, np.minimum(edge.upper, ends.max(axis=0)), edge.upper),
+                wraps=edge.wraps & ~named,
+            )
+        )
+    return replace(model, edges=tuple(edges), lower=lower, upper=upper, wraps=wraps)
+
+
+def _prior_in_part(model: ArticulatedObject, prior: GaussianPrior) -> tuple[int, Array]:
+    """The part that the prior speaks of, and the prior's mean as that part's pose."""
+    for node, part in enumerate(model.parts):
+        if prior.link in part.links:
+            pose_part_link = part.poses_part_link[part.links.index(prior.link)]
+            return node, poses.multiply(prior.pose_world_link, poses.inverse(pose_part_link))
+    # a link above the first part (a mobile base's joints): carried down to it at joint position zero, within limits
+    at_rest = np.clip(0.0, model.lower, model.upper)
+    known = model.link_poses(model.part_poses(poses.IDENTITY, at_rest), at_rest)
+    pose_root_link = known[model.links.index(prior.link)]
+    return 0, poses.multiply(prior.pose_world_link, poses.inverse(pose_root_link))
+
+

@@ -1,0 +1,192 @@
+"""Which configuration of a joint comes closest to a given pose of the child in the parent, and what is left over?
+
+For one axis the answer is a formula: the position along a slide, the twist about a hinge. For a chain of axes it is
+a small least-squares problem with bounds, solved by a few damped Gauss-Newton steps from the best of several starts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.scene.articulated_object import Edge, axis_motion
+
+# In a chain, a turn by one radian left over counts as much as this many metres.
+LENGTH_PER_RADIAN = 0.3
+
+_STARTS_PER_TURN, _REFINED_STARTS, _STEPS = 6, 2, 8
+
+
+@dataclass(frozen=True)
+class Gearing:
+    """The free motions of an edge: axes that follow the same joint are one. axes = matrix @ free + offset.
+
+    matrix : (K, F); offset : (K,); lower, upper, wraps : (F,) bounds of the free motions
+    """
+
+    matrix: Array
+    offset: Array
+    lower: Array
+    upper: Array
+    wraps: NDArray[np.bool_]
+
+
+def gearing(edge: Edge) -> Gearing:
+    """The free motions of `edge`: each is the first of the axes that follow one joint, in that axis's own units."""
+    columns: list[Array] = []
+    offset = np.zeros(len(edge.axes))
+    leaders: list[int] = []
+    for coordinate in dict.fromkeys(edge.coordinates.tolist()):
+        followers = np.flatnonzero(edge.coordinates == coordinate)
+        moving = followers[edge.multiplier[followers] != 0]
+        leader = int(moving[0]) if len(moving) else int(followers[0])
+        column = np.zeros(len(edge.axes))
+        column[leader] = 1.0
+        for k in followers[followers != leader]:
+            # leader = m_l q + o_l and this axis = m_k q + o_k, so it moves by m_k / m_l for each of the leader's.
+            column[k] = edge.multiplier[k] / edge.multiplier[leader] if edge.multiplier[leader] else 0.0
+            offset[k] = edge.offset[k] - column[k] * edge.offset[leader]
+        columns.append(column)
+        leaders.append(leader)
+    return Gearing(
+        np.stack(columns, axis=-1), offset, edge.lower[leaders], edge.upper[leaders], edge.wraps[leaders]
+    )
+
+
+def project(
+    edge: Edge, pose_parent_child: Array, *, length_per_radian: float = LENGTH_PER_RADIAN
+) -> tuple[Array, Array, Array]:
+    """The closest configuration of the joint to poses (..., 7) of the child in the parent.
+
+    Returns axis positions (..., K) within the limits, and the residual of `residual` there: translation (..., 3),
+    metres, and rotation vector (..., 3), radians. One axis: the slide that leaves the least translation; the turn
+    that leaves the least rotation, of the equal ones (whole turns apart) that nearest to the middle of the range; the
+    nearer limit where the range ends before. Several axes: the least of |translation|² + (length_per_radian *
+    |rotation|)² that was found, in metres².
+    """
+    if len(edge.axes) == 1:
+        axes = _single(edge, pose_parent_child)
+    else:
+        flat = np.ascontiguousarray(np.broadcast_to(pose_parent_child, pose_parent_child.shape)).reshape(-1, 7)
+        axes = _chain(edge, flat, length_per_radian).reshape(*pose_parent_child.shape[:-1], len(edge.axes))
+    return axes, *residual(edge, pose_parent_child, axes)
+
+
+def residual(edge: Edge, pose_parent_child: Array, axis_positions: Array) -> tuple[Array, Array]:
+    """What is left of poses (..., 7) of the child in the parent after the joint has moved to `axis_positions` (..., K).
+
+    With moved = before_0 motion_0 … before_K-1 motion_K-1, it is the pose E in pose_parent_child = moved * E * after:
+    translation (..., 3) in metres and rotation vector (..., 3) in radians, in the frame of the last axis as moved. Not
+    in the child's own frame, because a hinge's child may have its origin far from the hinge; for most URDF joints
+    (nothing fixed between the joint and the part) the two are the same.
+    """
+    end = _end_of_chain(edge, axis_positions)
+    left = poses.multiply(poses.multiply(poses.inverse(end), pose_parent_child), poses.inverse(edge.pose_after))
+    return left[..., :3], poses.to_rotation_vector(left[..., 3:])
+
+
+def _end_of_chain(edge: Edge, axis_positions: Array) -> Array:
+    return poses.multiply(edge.pose_parent_child(axis_positions), poses.inverse(edge.pose_after))
+
+
+def _single(edge: Edge, pose_parent_child: Array) -> Array:
+    moved = poses.multiply(
+        poses.multiply(poses.inverse(edge.poses_before[0]), pose_parent_child), poses.inverse(edge.pose_after)
+    )
+    lower, upper = edge.lower[0], edge.upper[0]
+    if not edge.revolute[0]:
+        return np.clip(moved[..., :3] @ edge.axes[0], lower, upper)[..., None]
+    middle = (lower + upper) / 2
+    twist = 2.0 * np.arctan2(moved[..., 4:] @ edge.axes[0], moved[..., 3])
+    return (middle + np.clip(_wrap(twist - middle), lower - middle, upper - middle))[..., None]
+
+
+def _wrap(angle: Array) -> Array:
+    return angle - 2 * np.pi * np.round(angle / (2 * np.pi))
+
+
+def _chain(edge: Edge, pose_parent_child: Array, length: float) -> Array:
+    free = gearing(edge)
+    target = poses.multiply(pose_parent_child, poses.inverse(edge.pose_after))
+    turning = int((np.abs(free.matrix) * edge.revolute[:, None]).any(axis=0).sum())
+    starts = _spread(max(1, _STARTS_PER_TURN * turning), free)
+    count = len(starts)
+    q = np.broadcast_to(starts[:, None], (count, len(target), starts.shape[1])).copy()
+    # One step from every start places the slides, so that the starts can be compared by their turns.
+    q, cost = _step(edge, free, target, q, length)
+    best = np.argsort(cost, axis=0, kind="stable")[: min(_REFINED_STARTS, count)]
+    q = np.take_along_axis(q, best[..., None], axis=0)
+    for _ in range(_STEPS):
+        q, cost = _step(edge, free, target, q, length)
+    q = np.take_along_axis(q, cost.argmin(axis=0)[None, :, None], axis=0)[0]
+    return q @ free.matrix.T + free.offset
+
+
+def _spread(count: int, free: Gearing) -> Array:
+    # An additive recurrence fills a box evenly in any number of dimensions; the middle comes first.
+    size = len(free.lower)
+    root = 2.0
+    for _ in range(30):
+        root = (1 + root) ** (1 / (size + 1))
+    step = root ** -np.arange(1, size + 1)
+    fraction = (0.5 + np.arange(count)[:, None] * step) % 1.0
+    return free.lower + fraction * (free.upper - free.lower)
+
+
+def _step(edge: Edge, free: Gearing, target: Array, q: Array, length: float) -> tuple[Array, Array]:
+    """One damped Gauss-Newton step of `q` (S, B, F) within the bounds; steps that make it worse are not taken."""
+    error, jacobian, cost = _linearised(edge, free, target, q, length)
+    gradient = np.einsum("...ef,...e->...f", jacobian, error)
+    hessian = np.einsum("...ef,...eg->...fg", jacobian, jacobian)
+    held = ~free.wraps & (((q <= free.lower) & (gradient < 0)) | ((q >= free.upper) & (gradient > 0)))
+    hessian = np.where(held[..., None] | held[..., None, :], 0.0, hessian)
+    diagonal = np.arange(q.shape[-1])
+    hessian[..., diagonal, diagonal] += np.where(held, 1.0, 1e-9)
+    change = np.linalg.solve(hessian, np.where(held, 0.0, gradient)[..., None])[..., 0]
+    moved = _within(free, q + change)
+    again = _cost(edge, free, target, moved, length)
+    half = _within(free, q + 0.3 * change)
+    again_half = _cost(edge, free, target, half, length)
+    best = np.where((again <= again_half)[..., None], moved, half)
+    least = np.minimum(again, again_half)
+    return np.where((least < cost)[..., None], best, q), np.minimum(least, cost)
+
+
+def _within(free: Gearing, q: Array) -> Array:
+    middle = (free.lower + free.upper) / 2
+    return np.where(free.wraps, middle + _wrap(q - middle), np.clip(q, free.lower, free.upper))
+
+
+def _error(end: Array, target: Array, length: float) -> Array:
+    turn = poses.to_rotation_vector(poses.quaternion_multiply(target[..., 3:], poses.quaternion_conjugate(end[..., 3:])))
+    return np.concatenate([target[..., :3] - end[..., :3], length * turn], axis=-1)
+
+
+def _cost(edge: Edge, free: Gearing, target: Array, q: Array, length: float) -> Array:
+    end = _end_of_chain(edge, q @ free.matrix.T + free.offset)
+    return np.sum(_error(end, target, length) ** 2, axis=-1)
+
+
+def _linearised(edge: Edge, free: Gearing, target: Array, q: Array, length: float) -> tuple[Array, Array, Array]:
+    axes = q @ free.matrix.T + free.offset
+    end = np.broadcast_to(poses.IDENTITY, (*q.shape[:-1], 7))
+    directions, origins = [], []
+    for k in range(len(edge.axes)):
+        end = poses.multiply(end, edge.poses_before[k])
+        directions.append(poses.rotate(end[..., 3:], edge.axes[k]))
+        origins.append(end[..., :3])
+        end = poses.multiply(end, axis_motion(bool(edge.revolute[k]), edge.axes[k], axes[..., k]))
+    columns = []
+    for k in range(len(edge.axes)):
+        if edge.revolute[k]:
+            swept = np.cross(directions[k], end[..., :3] - origins[k])
+            columns.append(np.concatenate([swept, length * directions[k]], axis=-1))
+        else:
+            columns.append(np.concatenate([directions[k], np.zeros_like(directions[k])], axis=-1))
+    jacobian = np.stack(columns, axis=-1) @ free.matrix
+    error = _error(end, target, length)
+    return error, jacobian, np.sum(error**2, axis=-1)

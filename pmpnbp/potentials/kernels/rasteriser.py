@@ -1,0 +1,414 @@
+"""Depth images of part poses, drawn triangle by triangle into a z-buffer no larger than what is drawn.
+
+A pixel is covered where the ray through its centre meets a triangle, edges included, from either side. Triangles are
+drawn by rows: the ends of a row's span are computed from each edge's two vertices in an order that does not depend on
+the triangle, so neighbours agree on them to the bit and leave no crack. The buffer holds 1/z, which is affine in the
+image; a zero is a pixel where nothing was drawn. Only what is nearer than `NEAR` is cut off.
+
+A mesh whose surface is closed hides its own inner side, so triangles seen from behind are left out where the caller
+says so (`one_sided`), but for a camera that may be inside.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import get_num_threads, njit, prange
+from numpy.typing import NDArray
+
+from pmpnbp.potentials.kernels.pixel_scores import distance_pixel, robust_pixel
+from pmpnbp.potentials.kernels.projection import pose_in_camera
+
+# The near plane, metres.
+NEAR = 0.01
+
+# Buffer rows are drawn in blocks of this many pixels, one vector register, and padded to a multiple of it.
+LANES = 8
+
+_ZERO, _ONE = np.float32(0), np.float32(1)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def scan_triangle(
+    buffer: NDArray[np.float32],
+    owner: Any,
+    number: int,
+    stride: int,
+    width: int,
+    height: int,
+    u0: float,
+    v0: float,
+    w0: float,
+    u1: float,
+    v1: float,
+    w1: float,
+    u2: float,
+    v2: float,
+    w2: float,
+) -> None:
+    """Draw one triangle: vertices u v in pixels of the buffer, w affine in the image, the larger w in front.
+
+    buffer : (height * stride,), rows of `stride` values of which `width` are the image
+    owner : as buffer, int16, set to `number` where the triangle is in front; or None
+    """
+    top = max(np.ceil(min(v0, v1, v2)), 0.0)
+    bottom = min(np.floor(max(v0, v1, v2)), height - 1.0)
+    leftmost = max(np.ceil(min(u0, u1, u2)), 0.0)
+    rightmost = min(np.floor(max(u0, u1, u2)), width - 1.0)
+    if top > bottom or leftmost > rightmost:
+        return
+    determinant = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0)
+    if determinant == 0.0:
+        return
+    along_u = ((w1 - w0) * (v2 - v0) - (w2 - w0) * (v1 - v0)) / determinant
+    along_v = ((u1 - u0) * (w2 - w0) - (u2 - u0) * (w1 - w0)) / determinant
+    at_origin = w0 - along_u * u0 - along_v * v0
+    # by rows from the top; equal rows by column, so that an edge is the same edge in both its triangles
+    if v1 < v0 or (v1 == v0 and u1 < u0):
+        u0, v0, u1, v1 = u1, v1, u0, v0
+    if v2 < v1 or (v2 == v1 and u2 < u1):
+        u1, v1, u2, v2 = u2, v2, u1, v1
+        if v1 < v0 or (v1 == v0 and u1 < u0):
+            u0, v0, u1, v1 = u1, v1, u0, v0
+    long_slope = (u2 - u0) / (v2 - v0)
+    upper_slope = (u1 - u0) / (v1 - v0)
+    lower_slope = (u2 - u1) / (v2 - v1)
+    step = np.float32(along_u)
+    for row in range(int(top), int(bottom) + 1):
+        y = float(row)
+        a = u0 + (y - v0) * long_slope
+        # a horizontal edge has no slope; its row is bounded by the other short edge
+        upper = y < v1 or v1 == v2
+        b = u0 + (y - v0) * upper_slope if upper else u1 + (y - v1) * lower_slope
+        first = max(np.ceil(min(a, b)), leftmost)
+        last = min(np.floor(max(a, b)), rightmost)
+        if first > last:
+            continue
+        begin, end = int(first), int(last)
+        block = begin - begin % LANES
+        base = row * stride
+        value = np.float32(at_origin + along_v * y + along_u * block)
+        while block <= end:
+            for k in range(LANES):
+                place = np.uint64(base + block + k)
+                w = value + step * np.float32(k)
+                front = (block + k >= begin) & (block + k <= end) & (w > buffer[place])
+                if owner is not None:
+                    owner[place] = number if front else owner[place]
+                buffer[place] = w if front else buffer[place]
+            block += LANES
+            value += step * np.float32(LANES)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _scan_clipped(
+    buffer: Any, owner: Any, number: int, stride: int, width: int, height: int, lens: Any, left: float, top: float,
+    corners: Any, clipped: Any,
+) -> None:  # fmt: skip
+    """As scan_triangle, for corners (3, 3) in camera coordinates of which some lie before the near plane."""
+    count = 0
+    for k in range(3):
+        a, b = corners[k], corners[(k + 1) % 3]
+        if a[2] >= NEAR:
+            clipped[count] = a
+            count += 1
+        if (a[2] >= NEAR) != (b[2] >= NEAR):
+            # from the far end to the near one, whichever triangle asks
+            far, near = (a, b) if a[2] >= NEAR else (b, a)
+            share = (far[2] - NEAR) / (far[2] - near[2])
+            for axis in range(2):
+                clipped[count, axis] = far[axis] + share * (near[axis] - far[axis])
+            clipped[count, 2] = NEAR
+            count += 1
+    for k in range(count):
+        w = 1.0 / clipped[k, 2]
+        clipped[k, 0] = clipped[k, 0] * w * lens[0] + lens[2] - left
+        clipped[k, 1] = clipped[k, 1] * w * lens[1] + lens[3] - top
+        clipped[k, 2] = w
+    for k in range(1, count - 1):
+        scan_triangle(
+            buffer, owner, number, stride, width, height,
+            clipped[0, 0], clipped[0, 1], clipped[0, 2],
+            clipped[k, 0], clipped[k, 1], clipped[k, 2],
+            clipped[k + 1, 0], clipped[k + 1, 1], clipped[k + 1, 2],
+        )  # fmt: skip
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def project(vertices: Any, begin: int, end: int, m: Any, lens: Any, us: Any, vs: Any, ws: Any) -> Any:
+    """Project vertices[:, begin:end] into us, vs (pixels) and ws (1/z); return the smallest and largest u, v and the
+    smallest z. Before the near plane the projections mean nothing."""
+    m00, m01, m02, m10, m11, m12, m20, m21, m22, tx, ty, tz = m
+    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
+    least_u, least_v, least_z = np.inf, np.inf, np.inf
+    most_u, most_v = -np.inf, -np.inf
+    xs, ys, zs = vertices[0, begin:end], vertices[1, begin:end], vertices[2, begin:end]
+    for k in range(end - begin):
+        x, y, z = float(xs[k]), float(ys[k]), float(zs[k])
+        depth = m20 * x + m21 * y + m22 * z + tz
+        w = 1.0 / depth
+        u = (m00 * x + m01 * y + m02 * z + tx) * w * fx + cx
+        v = (m10 * x + m11 * y + m12 * z + ty) * w * fy + cy
+        us[k], vs[k], ws[k] = u, v, w
+        least_u, most_u = min(least_u, u), max(most_u, u)
+        least_v, most_v = min(least_v, v), max(most_v, v)
+        least_z = min(least_z, depth)
+    return least_u, most_u, least_v, most_v, least_z
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def pixel_box(bounds: Any, width: int, height: int) -> Any:
+    """First and last column and row whose centres lie in the bounds of `project`; all of the image where something
+    lies before the near plane. Empty boxes have their last before their first."""
+    least_u, most_u, least_v, most_v, least_z = bounds
+    if least_z < NEAR:
+        return 0, width - 1, 0, height - 1
+    left = int(np.ceil(min(max(least_u, 0.0), float(width))))
+    right = int(np.floor(max(min(most_u, width - 1.0), -1.0)))
+    top = int(np.ceil(min(max(least_v, 0.0), float(height))))
+    bottom = int(np.floor(max(min(most_v, height - 1.0), -1.0)))
+    return left, right, top, bottom
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def draw_part(
+    buffer: Any, owner: Any, number: int, stride: int, box: Any, lens: Any, m: Any, vertices: Any, faces: Any,
+    one_sided: Any, vertex_begin: int, face_begin: int, face_end: int, least_z: float, us: Any, vs: Any, ws: Any,
+) -> None:  # fmt: skip
+    """Draw a part's projected triangles into a buffer whose first pixel is the first of `box`."""
+    left, right, top, bottom = box
+    width, height = right - left + 1, bottom - top + 1
+    du, dv = float(left), float(top)
+    if least_z >= NEAR:
+        for f in range(face_begin, face_end):
+            i, j, k = np.uint32(faces[0, f]), np.uint32(faces[1, f]), np.uint32(faces[2, f])
+            u0, v0, u1, v1, u2, v2 = us[i] - du, vs[i] - dv, us[j] - du, vs[j] - dv, us[k] - du, vs[k] - dv
+            # the image's v points down: an outward face turns clockwise, which is positive here, seen from behind
+            if one_sided[f] and (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0) > 0.0:
+                continue
+            scan_triangle(buffer, owner, number, stride, width, height, u0, v0, ws[i], u1, v1, ws[j], u2, v2, ws[k])
+        return
+    m00, m01, m02, m10, m11, m12, m20, m21, m22, tx, ty, tz = m
+    corners, clipped = np.empty((3, 3)), np.empty((4, 3))
+    for f in range(face_begin, face_end):
+        for c in range(3):
+            k = vertex_begin + faces[c, f]
+            x, y, z = float(vertices[0, k]), float(vertices[1, k]), float(vertices[2, k])
+            corners[c, 0] = m00 * x + m01 * y + m02 * z + tx
+            corners[c, 1] = m10 * x + m11 * y + m12 * z + ty
+            corners[c, 2] = m20 * x + m21 * y + m22 * z + tz
+        _scan_clipped(buffer, owner, number, stride, width, height, lens, du, dv, corners, clipped)
+
+
+@njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+def _sum_robust(buffer: Any, stride: int, box: Any, packed: Any, terms: Any) -> float:
+    left, right, top, bottom = box
+    tolerance, free_space_cost, occlusion_cost, support_reward = terms
+    total = 0.0
+    for row in range(top, bottom + 1):
+        drawn = buffer[(row - top) * stride : (row - top) * stride + right - left + 1]
+        words = packed[row + 1, left + 1 : right + 2]
+        row_total = _ZERO
+        for k in range(right - left + 1):
+            w = drawn[k]
+            depth = _ONE / (w if w > _ZERO else _ONE)
+            score = robust_pixel(words[k], depth, tolerance, free_space_cost, occlusion_cost, support_reward)
+            row_total += score if w > _ZERO else _ZERO
+        total += row_total
+    return total
+
+
+@njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+def _sum_distance(buffer: Any, stride: int, box: Any, packed: Any, lens: Any) -> float:
+    left, right, top, bottom = box
+    total = 0.0
+    inverse_fx, first = np.float32(1.0 / lens[0]), np.float32((left - lens[2]) / lens[0])
+    for row in range(top, bottom + 1):
+        drawn = buffer[(row - top) * stride : (row - top) * stride + right - left + 1]
+        words = packed[row + 1, left + 1 : right + 2]
+        y = np.float32((row - lens[3]) / lens[1])
+        row_total = _ZERO
+        for k in range(right - left + 1):
+            w = drawn[k]
+            x = first + np.float32(k) * inverse_fx
+            score = distance_pixel(words[k], _ONE / (w if w > _ZERO else _ONE), np.sqrt(x * x + y * y + _ONE))
+            row_total += score if w > _ZERO else _ZERO
+        total += row_total
+    return total
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _add_part_scores(
+    start: int, stop: int, step: int, packed: Any, lens: Any, pose_camera_world: Any, mesh: Any, part: Any, poses: Any,
+    terms: Any, robust: bool, out: Any,
+) -> None:  # fmt: skip
+    vertices, faces, one_sided, vertex_offsets, face_offsets, centres, radii = mesh
+    height, width = packed.shape[0] - 2, packed.shape[1] - 2
+    most = 1
+    for node in range(len(vertex_offsets) - 1):
+        most = max(most, vertex_offsets[node + 1] - vertex_offsets[node])
+    us, vs, ws = np.empty(most), np.empty(most), np.empty(most)
+    buffer = np.empty(height * (width + LANES), dtype=np.float32)
+    terms32 = (terms[0], terms[1], terms[2], terms[3])
+    for i in range(start, stop, step):
+        node = part[i]
+        begin, end = vertex_offsets[node], vertex_offsets[node + 1]
+        if begin == end:
+            continue
+        m = pose_in_camera(pose_camera_world, poses[i])
+        bounds = project(vertices, begin, end, m, lens, us, vs, ws)
+        box = pixel_box(bounds, width, height)
+        left, right, top, bottom = box
+        if left > right or top > bottom:
+            continue
+        stride = (right - left + LANES) // LANES * LANES
+        buffer[: (bottom - top + 1) * stride] = _ZERO
+        draw_part(
+            buffer, None, 0, stride, box, lens, m, vertices, faces, one_sided, begin,
+            face_offsets[node], face_offsets[node + 1], bounds[4], us, vs, ws,
+        )  # fmt: skip
+        if robust:
+            out[i] += _sum_robust(buffer, stride, box, packed, terms32)
+        else:
+            out[i] += _sum_distance(buffer, stride, box, packed, lens)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _add_part_scores_serial(packed, lens, pose_camera_world, mesh, part, poses, terms, robust, out):  # type: ignore[no-untyped-def]
+    _add_part_scores(0, len(part), 1, packed, lens, pose_camera_world, mesh, part, poses, terms, robust, out)
+
+
+@njit(nogil=True, cache=True, error_model="numpy", parallel=True)
+def _add_part_scores_parallel(packed, lens, pose_camera_world, mesh, part, poses, terms, robust, out, blocks):  # type: ignore[no-untyped-def]  # noqa: E501
+    for b in prange(blocks):
+        _add_part_scores(b, len(part), blocks, packed, lens, pose_camera_world, mesh, part, poses, terms, robust, out)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _draw_object(
+    poses: Any, only: int, lens: Any, pose_camera_world: Any, mesh: Any, width: int, height: int, us: Any, vs: Any,
+    ws: Any, boxes: Any, buffer: Any, owner: Any,
+) -> Any:  # fmt: skip
+    """Draw all parts (or part `only`) into one buffer; return the box it covers and the buffer's stride."""
+    vertices, faces, one_sided, vertex_offsets, face_offsets, centres, radii = mesh
+    left, right, top, bottom = width, -1, height, -1
+    parts = len(vertex_offsets) - 1
+    for node in range(parts):
+        begin, end = vertex_offsets[node], vertex_offsets[node + 1]
+        boxes[node, 1] = -1
+        boxes[node, 0] = 0
+        if begin == end or (only >= 0 and node != only):
+            continue
+        m = pose_in_camera(pose_camera_world, poses[node])
+        bounds = project(vertices, begin, end, m, lens, us[begin:], vs[begin:], ws[begin:])
+        box = pixel_box(bounds, width, height)
+        boxes[node, 0], boxes[node, 1], boxes[node, 2], boxes[node, 3] = box
+        boxes[node, 4] = 1 if bounds[4] < NEAR else 0
+        if box[0] <= box[1] and box[2] <= box[3]:
+            left, right = min(left, box[0]), max(right, box[1])
+            top, bottom = min(top, box[2]), max(bottom, box[3])
+    if left > right:
+        return (0, -1, 0, -1), LANES
+    whole = (left, right, top, bottom)
+    stride = (right - left + LANES) // LANES * LANES
+    buffer[: (bottom - top + 1) * stride] = _ZERO
+    for node in range(parts):
+        if boxes[node, 0] > boxes[node, 1] or boxes[node, 2] > boxes[node, 3]:
+            continue
+        begin = vertex_offsets[node]
+        m = pose_in_camera(pose_camera_world, poses[node])
+        least_z = 0.0 if boxes[node, 4] else NEAR
+        draw_part(
+            buffer, owner, node, stride, whole, lens, m, vertices, faces, one_sided, begin,
+            face_offsets[node], face_offsets[node + 1], least_z, us[begin:], vs[begin:], ws[begin:],
+        )  # fmt: skip
+    return whole, stride
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _add_object_scores(
+    start: int, stop: int, step: int, packed: Any, lens: Any, pose_camera_world: Any, mesh: Any, poses: Any,
+    terms: Any, robust: bool, out: Any,
+) -> None:  # fmt: skip
+    height, width = packed.shape[0] - 2, packed.shape[1] - 2
+    parts, vertices = len(mesh[3]) - 1, mesh[0].shape[1]
+    us, vs, ws = np.empty(vertices), np.empty(vertices), np.empty(vertices)
+    boxes = np.empty((parts, 5), dtype=np.int64)
+    buffer = np.empty(height * (width + LANES), dtype=np.float32)
+    owner = np.empty(height * (width + LANES), dtype=np.int16)
+    tolerance, free_space_cost, occlusion_cost, support_reward = terms[0], terms[1], terms[2], terms[3]
+    for i in range(start, stop, step):
+        box, stride = _draw_object(
+            poses[i], -1, lens, pose_camera_world, mesh, width, height, us, vs, ws, boxes, buffer, owner
+        )
+        left, right, top, bottom = box
+        for row in range(top, bottom + 1):
+            y = (row - lens[3]) / lens[1]
+            for column in range(left, right + 1):
+                place = np.uint64((row - top) * stride + column - left)
+                w = buffer[place]
+                if w > _ZERO:
+                    word = packed[row + 1, column + 1]
+                    if robust:
+                        score = robust_pixel(
+                            word, _ONE / w, tolerance, free_space_cost, occlusion_cost, support_reward
+                        )
+                    else:
+                        x = (column - lens[2]) / lens[0]
+                        score = distance_pixel(word, _ONE / w, np.float32(np.sqrt(x * x + y * y + 1.0)))
+                    out[i, owner[place]] += score
+
+
+@njit(nogil=True, cache=True, error_model="numpy", parallel=True)
+def _add_object_scores_parallel(packed, lens, pose_camera_world, mesh, poses, terms, robust, out, blocks):  # type: ignore[no-untyped-def]  # noqa: E501
+    for b in prange(blocks):
+        _add_object_scores(b, len(poses), blocks, packed, lens, pose_camera_world, mesh, poses, terms, robust, out)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _draw(poses, only, lens, pose_camera_world, mesh, width, height):  # type: ignore[no-untyped-def]
+    parts, vertices = len(mesh[3]) - 1, mesh[0].shape[1]
+    us, vs, ws = np.empty(vertices), np.empty(vertices), np.empty(vertices)
+    boxes = np.empty((parts, 5), dtype=np.int64)
+    buffer = np.empty(height * (width + LANES), dtype=np.float32)
+    owner = np.empty(height * (width + LANES), dtype=np.int16)
+    box, stride = _draw_object(
+        poses, only, lens, pose_camera_world, mesh, width, height, us, vs, ws, boxes, buffer, owner
+    )
+    depth = np.zeros((height, width), dtype=np.float32)
+    number = np.full((height, width), -1, dtype=np.int16)
+    left, right, top, bottom = box
+    for row in range(top, bottom + 1):
+        for column in range(left, right + 1):
+            place = (row - top) * stride + column - left
+            if buffer[place] > _ZERO:
+                depth[row, column] = _ONE / buffer[place]
+                number[row, column] = owner[place]
+    return depth, number
+
+
+# Below this many poses a parallel launch costs more than it saves.
+PARALLEL_FROM = 32
+
+
+def add_part_scores(packed, lens, pose_camera_world, mesh, part, poses, terms, robust, out):  # type: ignore[no-untyped-def]
+    """Add to `out` (B,) the score of each part pose, drawn alone, in one view. Arguments as `splatting.add_scores`;
+    mesh : what `Surfaces.mesh` holds."""
+    if len(part) < PARALLEL_FROM or get_num_threads() == 1:
+        _add_part_scores_serial(packed, lens, pose_camera_world, mesh, part, poses, terms, robust, out)
+    else:
+        blocks = min(len(part), 4 * get_num_threads())
+        _add_part_scores_parallel(packed, lens, pose_camera_world, mesh, part, poses, terms, robust, out, blocks)
+
+
+def add_object_scores(packed, lens, pose_camera_world, mesh, poses, terms, robust, out):  # type: ignore[no-untyped-def]
+    """Add to `out` (B, N) each part's share of the score of whole objects, poses (B, N, 7), in one view."""
+    blocks = max(1, min(len(poses), 4 * get_num_threads()))
+    _add_object_scores_parallel(packed, lens, pose_camera_world, mesh, poses, terms, robust, out, blocks)
+
+
+def draw(poses, only, lens, pose_camera_world, mesh, width, height):  # type: ignore[no-untyped-def]
+    """Depth (height, width) float32, 0 where nothing is, and part number int16, -1 where nothing is, of parts at
+    poses (N, 7), or of part `only` alone where that is not negative."""
+    return _draw(poses, only, lens, pose_camera_world, mesh, width, height)

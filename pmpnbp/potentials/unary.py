@@ -1,0 +1,167 @@
+"""The unary potential: how well a part, or the whole object, at a pose explains what the sensor saw (eq. 10).
+
+The part's surface is rendered at the pose; each pixel it covers is scored against the depth observed there, and the
+pixels' scores are summed over the views. The potential is the exponential of that sum times a factor which the
+inference chooses, so everything here is a log potential up to scale, in pixels of the working image.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.camera import Camera
+from pmpnbp.geometry.poses import Array
+from pmpnbp.potentials.kernels import rasteriser, splatting
+from pmpnbp.potentials.kernels.pixel_scores import pack_view
+from pmpnbp.potentials.surfaces import Surfaces
+from pmpnbp.scene.observation import Observation, View
+
+Renderer = Literal["splats", "rasteriser"]
+
+
+@dataclass(frozen=True)
+class PixelScore:
+    """How a covered pixel is scored.
+
+    form : "robust", or "distance" for eq. 10 to the letter: minus the distance between observed and rendered point
+    tolerance : metres, the difference in depth at which a robust pixel stops being explained (tau)
+    free_space_cost : of a pixel whose observed surface lies behind the rendered one, or of a part behind a support
+    occlusion_cost : of a pixel where something else is in front
+    support_reward : share of the full reward that a pixel on a support plane can earn
+    """
+
+    form: Literal["robust", "distance"] = "robust"
+    tolerance: float = 0.02
+    free_space_cost: float = 1.0
+    occlusion_cost: float = 0.02
+    support_reward: float = 0.1
+
+    def __post_init__(self) -> None:
+        if self.form not in ("robust", "distance"):
+            raise ValueError(f"form is {self.form!r}; 'robust' or 'distance' is expected")
+        if not self.tolerance > 0:
+            raise ValueError(f"tolerance is {self.tolerance}; a length above zero is expected")
+
+    @property
+    def terms(self) -> NDArray[np.float32]:
+        """tolerance, free space cost, occlusion cost, support reward, as the kernels take them."""
+        return np.array(
+            [self.tolerance, self.free_space_cost, self.occlusion_cost, self.support_reward], dtype=np.float32
+        )
+
+
+def unary_scores(
+    observation: Observation,
+    surfaces: Surfaces,
+    part: NDArray[np.integer],
+    poses_world_part: Array,
+    score: PixelScore,
+    *,
+    renderer: Renderer = "splats",
+    points: int = 256,
+) -> Array:
+    """Scores (B,) float64 of part poses, each rendered alone: the sum over views and covered pixels, in pixels
+    (robust) or pixels times metres (distance).
+
+    part : (B,) numbers of parts; poses_world_part : (B, 7)
+    renderer : "splats" (fast, approximate) or "rasteriser"; points : splats per part, at most those prepared
+    A part without geometry scores 0. Raises ValueError where a pose is not finite.
+    """
+    part = np.ascontiguousarray(part, dtype=np.int32)
+    pose = _checked(poses_world_part, (len(part), 7))
+    if len(part) and (part.min() < 0 or part.max() >= len(surfaces.centres)):
+        raise ValueError(f"parts {part.min()} to {part.max()} were named; there are {len(surfaces.centres)} parts")
+    out = np.zeros(len(part))
+    terms, robust = score.terms, score.form == "robust"
+    for view in observation.views:
+        packed, lens, pose_camera_world = _prepared(view)
+        if renderer == "splats":
+            used = min(points, surfaces.points.shape[-1])
+            splatting.add_scores(
+                packed, lens, pose_camera_world, surfaces.points, surfaces.areas, surfaces.centres, part, pose,
+                terms, robust, used, out,
+            )  # fmt: skip
+        elif renderer == "rasteriser":
+            rasteriser.add_part_scores(packed, lens, pose_camera_world, surfaces.mesh, part, pose, terms, robust, out)
+        else:
+            raise ValueError(f"renderer is {renderer!r}; 'splats' or 'rasteriser' is expected")
+    return out
+
+
+def object_scores(
+    observation: Observation, surfaces: Surfaces, poses_world_part: Array, score: PixelScore
+) -> tuple[Array, Array]:
+    """Scores of whole objects, all parts drawn into one z-buffer: (B,) the object's and (B, N) each part's share, from
+    the pixels in which it is in front. poses_world_part : (B, N, 7). Units as `unary_scores`."""
+    pose = _checked(poses_world_part, (len(poses_world_part), len(surfaces.centres), 7))
+    shares = np.zeros(pose.shape[:2])
+    for view in observation.views:
+        packed, lens, pose_camera_world = _prepared(view)
+        rasteriser.add_object_scores(
+            packed, lens, pose_camera_world, surfaces.mesh, pose, score.terms, score.form == "robust", shares
+        )
+    return shares.sum(axis=1), shares
+
+
+def render(
+    camera: Camera, surfaces: Surfaces, poses_world_part: Array
+) -> tuple[NDArray[np.float32], NDArray[np.int16]]:
+    """Depth (h, w) float32, metres, 0 where nothing is, and part number (h, w) int16, -1 where nothing is, of the
+    parts at poses (N, 7), as `camera` sees them."""
+    return _drawn(camera, surfaces, _checked(poses_world_part, (len(surfaces.centres), 7)), -1)
+
+
+def visible_fractions(
+    observation: Observation, surfaces: Surfaces, poses_world_part: Array, tolerance: float
+) -> Array:
+    """Fractions (N,), 0 to 1: of the pixels that each part would cover alone, those in which it is in front of all
+    other parts and the observation is not more than `tolerance` metres in front of it; the largest over the views.
+
+    Pixels beyond the image do not count; a part that covers no pixel has 0.
+    """
+    pose = _checked(poses_world_part, (len(surfaces.centres), 7))
+    fractions = np.zeros(len(pose))
+    for view in observation.views:
+        depth, number = _drawn(view.camera, surfaces, pose, -1)
+        hidden = (view.depth > 0) & (view.depth < depth - tolerance)
+        for node in range(len(pose)):
+            alone = _drawn(view.camera, surfaces, pose, node)[1] == node
+            covered = np.count_nonzero(alone)
+            if covered:
+                seen = np.count_nonzero((number == node) & ~hidden)
+                fractions[node] = max(fractions[node], seen / covered)
+    return fractions
+
+
+def _checked(pose: Array, shape: tuple[int, ...]) -> Array:
+    """Poses as the kernels take them. One that is not finite, or kilometres away, would be read as a place in memory."""
+    pose = np.ascontiguousarray(pose, dtype=np.float64)
+    if pose.shape != shape:
+        raise ValueError(f"poses have shape {pose.shape}; {shape} is expected")
+    if pose.size and not np.abs(pose).max() < 1e4:
+        raise ValueError("a pose is not finite, or further than 10 km from the origin of the world")
+    return pose
+
+
+def _lens(camera: Camera) -> Array:
+    return np.array([camera.fx, camera.fy, camera.cx, camera.cy], dtype=np.float64)
+
+
+def _prepared(view: View) -> tuple[NDArray[np.int32], Array, Array]:
+    packed = pack_view(np.ascontiguousarray(view.depth, dtype=np.float32), np.ascontiguousarray(view.category))
+    return packed, _lens(view.camera), poses.inverse(np.asarray(view.camera.pose_world_camera, dtype=np.float64))
+
+
+def _drawn(
+    camera: Camera, surfaces: Surfaces, pose: Array, only: int
+) -> tuple[NDArray[np.float32], NDArray[np.int16]]:
+    pose_camera_world = poses.inverse(np.asarray(camera.pose_world_camera, dtype=np.float64))
+    depth, number = rasteriser.draw(
+        pose, only, _lens(camera), pose_camera_world, surfaces.mesh, camera.width, camera.height
+    )
+    return depth, number

@@ -1,0 +1,131 @@
+"""Which camera took a scan? Reads camera.json: image size, intrinsics, and where the camera stood.
+
+The file says `{"width","height","fx","fy","cx","cy"}` in pixels, and may say `"T_world_camera"` (16 numbers, row-major,
+the optical frame in world), `"frame_id"` and `"stamp"` (seconds). Members beside these are left alone.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pmpnbp.errors import ScanError
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.camera import Camera
+from pmpnbp.geometry.poses import IDENTITY, Array
+
+# More than any depth camera gives; keeps a hostile header from asking for gigabytes.
+LARGEST_SIDE = 8192
+LARGEST_FILE = 1 << 20
+
+
+@dataclass(frozen=True)
+class CameraFile:
+    """What camera.json says. camera : intrinsics and pose (identity where none was given); frame_id : the name of the
+    world frame; stamp : seconds, or None."""
+
+    camera: Camera
+    frame_id: str = "world"
+    stamp: float | None = None
+
+
+def load_camera(source: Path | str) -> CameraFile:
+    """The camera of a camera.json: `source` is its path, or, as a `str`, its text.
+
+    Raises ScanError where the file is missing, is not JSON, or a member is missing or has a value it cannot have.
+    """
+    if isinstance(source, str):
+        return _parse(source, "the camera text")
+    name = f"camera file '{source.name}'"
+    try:
+        if source.stat().st_size > LARGEST_FILE:
+            raise ScanError(f"{name} is larger than {LARGEST_FILE} bytes, which no camera.json is")
+        content = source.read_bytes()
+    except OSError as error:
+        raise ScanError(f"{name} cannot be read: {error.strerror or error}") from error
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ScanError(f"{name} is not UTF-8 text; expected JSON") from error
+    return _parse(text, name)
+
+
+def _parse(text: str, name: str) -> CameraFile:
+    try:
+        members = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = f"line {error.lineno}: {error.msg}" if isinstance(error, json.JSONDecodeError) else "malformed"
+        raise ScanError(f"{name} is not JSON ({reason})") from error
+    if not isinstance(members, Mapping):
+        raise ScanError(f"{name} holds a {type(members).__name__}; expected an object with width, height, fx, fy, …")
+    camera = Camera(
+        width=_pixels(members, "width", name),
+        height=_pixels(members, "height", name),
+        fx=_focal_length(members, "fx", name),
+        fy=_focal_length(members, "fy", name),
+        cx=_member(members, "cx", name),
+        cy=_member(members, "cy", name),
+        pose_world_camera=_pose(members, name),
+    )
+    frame_id = members.get("frame_id", "world")
+    if not isinstance(frame_id, str) or not frame_id:
+        raise ScanError(f"'frame_id' of {name} is {frame_id!r:.80}; expected the name of a frame")
+    stamp = None if members.get("stamp") is None else _member(members, "stamp", name)
+    return CameraFile(camera, frame_id, stamp)
+
+
+def finite_number(value: object) -> float | None:
+    """`value` as a float where it is a finite JSON number that a float can hold, else None."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _member(members: Mapping[str, object], key: str, name: str) -> float:
+    if key not in members:
+        raise ScanError(f"{name} has no '{key}'; expected width, height, fx, fy, cx, cy")
+    number = finite_number(members[key])
+    if number is None or abs(number) > 1e12:
+        raise ScanError(f"'{key}' of {name} is {members[key]!r:.80}; expected a finite number")
+    return number
+
+
+def _pixels(members: Mapping[str, object], key: str, name: str) -> int:
+    number = _member(members, key, name)
+    if number != int(number) or not 1 <= number <= LARGEST_SIDE:
+        raise ScanError(f"'{key}' of {name} is {members[key]!r:.80}; expected whole pixels from 1 to {LARGEST_SIDE}")
+    return int(number)
+
+
+def _focal_length(members: Mapping[str, object], key: str, name: str) -> float:
+    number = _member(members, key, name)
+    if number < 1e-3:
+        raise ScanError(f"'{key}' of {name} is {members[key]!r:.80}; expected a focal length in pixels, above zero")
+    return number
+
+
+def _pose(members: Mapping[str, object], name: str) -> Array:
+    rows = members.get("T_world_camera")
+    if rows is None:
+        return IDENTITY
+    numbers = [finite_number(value) for value in rows] if isinstance(rows, list) else []
+    if len(numbers) != 16 or None in numbers:
+        raise ScanError(f"'T_world_camera' of {name} is not a list of 16 finite numbers (a 4x4 matrix, row by row)")
+    matrix = np.array(numbers, dtype=np.float64).reshape(4, 4)
+    if np.abs(matrix).max() > 1e6:
+        raise ScanError(f"'T_world_camera' of {name} holds a number beyond 1e6; expected metres")
+    if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
+        raise ScanError(f"'T_world_camera' of {name} does not end with the row 0 0 0 1; expected row-major order")
+    try:
+        return poses.from_matrix(matrix)
+    except ValueError as error:
+        raise ScanError(f"'T_world_camera' of {name} is no pose: {error}") from error

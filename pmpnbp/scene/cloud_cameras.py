@@ -1,0 +1,152 @@
+"""Through which camera is a point cloud looked at? Fits one to an organised cloud, makes one up for a loose cloud."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.errors import ScanError
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.camera import Camera
+from pmpnbp.geometry.poses import Array
+
+# Points that a fit needs, and is made from at most.
+FEWEST, MOST = 20, 60_000
+# Largest median distance, pixels, between where a point is stored and where the camera sees it: for a camera fitted
+# to the cloud, and for one that was given beside it and may be rounded or leave out the lens distortion.
+FITTED_RESIDUAL, GIVEN_RESIDUAL = 0.5, 5.0
+# A virtual camera sees 65° to either side at most; beyond, the image plane stretches without end.
+WIDEST = 2.14
+LARGEST_IMAGE = 2048
+# So that few pixels of a surface stay empty (of Poisson scattered points, one in five).
+POINTS_PER_PIXEL = 1.5
+
+
+def fit_camera(points: NDArray[np.floating], viewpoint: Array, name: str) -> tuple[Camera, NDArray[np.floating]]:
+    """The camera that took the organised cloud `points` (H, W, 3), and the points in its frame.
+
+    Column = fx x/z + cx and row = fy y/z + cy are fitted by least squares, outliers left out. The points are taken to
+    be in the camera frame, and if that does not hold, in that of the cloud's `viewpoint` (7,). Raises ScanError where
+    no pinhole camera puts them at their rows and columns.
+    """
+    frames = [(poses.IDENTITY, points)]
+    if not np.array_equal(viewpoint, poses.IDENTITY):
+        frames.append((viewpoint, _in_sensor_frame(points, viewpoint)))
+    residual = np.inf
+    for pose, local in frames:
+        intrinsics, residual = _intrinsics(local)
+        if intrinsics is not None and residual <= FITTED_RESIDUAL:
+            height, width = points.shape[:2]
+            return Camera(width, height, *intrinsics, pose_world_camera=pose), local
+    detail = f" (off by {residual:.1f} pixels at the median)" if np.isfinite(residual) else ""
+    raise ScanError(
+        f"no pinhole camera puts the points of scan '{name}' at their rows and columns{detail}; expected points in the "
+        "camera frame, or a camera file"
+    )
+
+
+def check_camera(
+    points: NDArray[np.floating], usable: NDArray[np.bool_], camera: Camera, name: str
+) -> None:
+    """Raise ScanError where `camera` does not see the `usable` ones of the organised `points` (H, W, 3) at their
+    pixels: the points are then not in its frame, or it is another camera."""
+    rows, columns = np.nonzero(usable)
+    if len(rows) == 0:
+        return
+    seen = camera.project(points[rows, columns].astype(np.float64))
+    off = float(np.median(np.hypot(seen[:, 0] - columns, seen[:, 1] - rows)))
+    if off > GIVEN_RESIDUAL:
+        raise ScanError(
+            f"the camera file sees the points of scan '{name}' {off:.1f} pixels from their rows and columns at the "
+            "median; expected points in the frame of that camera"
+        )
+
+
+def look_at_loose_cloud(
+    points: NDArray[np.floating], viewpoint: Array, camera: Camera | None, name: str
+) -> tuple[Camera, NDArray[np.float32]]:
+    """A camera and what it sees of the loose cloud `points` (N, 3): depth (height, width), metres, the nearest point
+    of each pixel, 0 where there is none.
+
+    Where no `camera` is given it stands at the cloud's `viewpoint` (7,), looks along its z, covers the points, and has
+    about as many pixels as it sees points.
+    """
+    if camera is not None:
+        local = points
+    else:
+        local = points if np.array_equal(viewpoint, poses.IDENTITY) else _in_sensor_frame(points, viewpoint)
+    local = local[local[:, 2] > 0] if len(local) else local
+    if len(local) == 0:
+        raise ScanError(f"scan '{name}' has no valid point in front of its sensor (z above 0, at most 1 km)")
+    if camera is None:
+        camera = _virtual_camera(local, viewpoint, name)
+    seen = camera.project(local.astype(np.float64))
+    column, row = np.rint(seen[:, 0]), np.rint(seen[:, 1])
+    within = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    depth = np.full(camera.width * camera.height, np.inf, dtype=np.float32)
+    pixel = row[within].astype(np.int64) * camera.width + column[within].astype(np.int64)
+    np.minimum.at(depth, pixel, local[within, 2].astype(np.float32))
+    depth[np.isinf(depth)] = 0.0
+    return camera, depth.reshape(camera.height, camera.width)
+
+
+def _in_sensor_frame(points: NDArray[np.floating], viewpoint: Array) -> NDArray[np.floating]:
+    matrix = poses.to_matrix(poses.inverse(viewpoint))
+    with np.errstate(invalid="ignore", over="ignore"):
+        return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def _intrinsics(points: NDArray[np.floating]) -> tuple[tuple[float, float, float, float] | None, float]:
+    """fx, fy, cx, cy of an organised cloud (H, W, 3) in the camera frame, or None, and the median residual, pixels."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        rows, columns = np.nonzero(np.isfinite(points).all(axis=-1) & (points[..., 2] > 1e-6))
+    if len(rows) < FEWEST:
+        return None, np.inf
+    chosen = np.linspace(0, len(rows) - 1, min(len(rows), MOST)).astype(np.int64)
+    rows, columns = rows[chosen], columns[chosen]
+    x, y, z = points[rows, columns].astype(np.float64).T
+    with np.errstate(over="ignore", invalid="ignore"):
+        across = _line(x / z, columns.astype(np.float64))
+        down = _line(y / z, rows.astype(np.float64))
+    if across is None or down is None:
+        return None, np.inf
+    (fx, cx, off_across), (fy, cy, off_down) = across, down
+    return (fx, fy, cx, cy), max(off_across, off_down)
+
+
+def _line(slope: Array, pixel: Array) -> tuple[float, float, float] | None:
+    """Focal length, centre and median residual of pixel = focal · slope + centre; None where they are not defined."""
+    kept = np.isfinite(slope) & (np.abs(slope) < 1e3)
+    focal, centre, residual = 0.0, 0.0, np.empty(0)
+    for _ in range(4):
+        if kept.sum() < FEWEST or np.ptp(pixel[kept]) < 2 or np.std(slope[kept]) < 1e-9:
+            return None
+        mean_slope, mean_pixel = slope[kept].mean(), pixel[kept].mean()
+        deviation = slope[kept] - mean_slope
+        focal = float(deviation @ (pixel[kept] - mean_pixel) / (deviation @ deviation))
+        centre = float(mean_pixel - focal * mean_slope)
+        with np.errstate(invalid="ignore", over="ignore"):
+            residual = np.abs(focal * slope + centre - pixel)
+        kept = residual <= max(3 * float(np.median(residual[np.isfinite(residual)])), 1e-3)
+    if not np.isfinite([focal, centre]).all() or focal < 1e-3:
+        return None
+    return focal, centre, float(np.median(residual[np.isfinite(residual)]))
+
+
+def _virtual_camera(points: NDArray[np.floating], viewpoint: Array, name: str) -> Camera:
+    """A camera at `viewpoint` (7,) that covers `points` (N, 3) of its frame, all with z above 0."""
+    slopes = points[:, :2].astype(np.float64) / points[:, 2:3].astype(np.float64)
+    slopes = slopes[(np.abs(slopes) < WIDEST).all(axis=1)]
+    if len(slopes) == 0:
+        raise ScanError(f"scan '{name}' has no point within 65 degrees of its sensor's z axis")
+    low, high = slopes.min(axis=0), slopes.max(axis=0)
+    span = np.maximum(high - low, 1e-3)
+    # How dense the points lie where they lie: the median over points of the density of their cell of a coarse grid.
+    cells = 64
+    cell = np.minimum(((slopes - low) / span * cells).astype(np.int64), cells - 1)
+    counts = np.bincount(cell[:, 0] * cells + cell[:, 1], minlength=cells * cells)
+    density = float(np.median(counts[cell[:, 0] * cells + cell[:, 1]])) / (span[0] * span[1] / cells**2)
+    focal = float(np.sqrt(density / POINTS_PER_PIXEL))
+    focal = min(focal, (LARGEST_IMAGE - 2) / float(span.max()))
+    width, height = (int(np.ceil(focal * extent)) + 1 for extent in span)
+    return Camera(width, height, focal, focal, -focal * float(low[0]), -focal * float(low[1]), viewpoint)

@@ -1,0 +1,252 @@
+"""What can the object be matched against? Turns scans into the Observation that the potentials read.
+
+Each scan is cropped to the projection of the region of interest with a margin, because the free space around an object
+is evidence too, and binned to a working size. Each of its pixels is told apart: on a support plane, outside the region,
+or possibly the object. Planes are found in all views together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.errors import ScanError
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.camera import Camera
+from pmpnbp.geometry.poses import IDENTITY, Array
+from pmpnbp.scene.normals import surface_normals
+from pmpnbp.scene.observation import NO_DEPTH, OBJECT, OUTSIDE, SUPPORT, Observation, Scan, View
+from pmpnbp.scene.support_planes import ScenePoints, find_support_planes
+
+# Pixels of the work image kept around the region's points.
+MARGIN = 15
+# Width in pixels of the thinned image that planes are looked for in.
+PLANE_WIDTH = 160
+# A floor leans less than this against the picture's vertical where no camera pose says where up is (cosine of 60°).
+FLOOR_COSINE = 0.5
+
+
+def observe(
+    scans: Sequence[Scan],
+    region: Array | None = None,
+    *,
+    width: int = 160,
+    up: Array | None = None,
+    plane_tolerance: float = 0.01,
+    plane_tolerance_growth: float = 0.002,
+) -> Observation:
+    """The Observation of one scene in one or several `scans`, which share a world frame.
+
+    region : (6,) x0 y0 z0 x1 y1 z1, metres, world: the box that holds the object; None for everything that was seen
+    width : pixels, the work image's width and height are at most this; scans are binned by whole factors, never blown up
+    up : (3,) world, away from the ground; where it is not given: the world's z where a scan has a camera pose, else the
+        normal of the plane that looks like a floor, else the picture's upward direction
+    plane_tolerance, plane_tolerance_growth : metres, and metres per metre of depth squared: a pixel is on a support
+        plane where it is within tolerance + growth z² of it
+
+    Raises ScanError where there is no scan, the scans' world frames differ, the region is not a box, or no measured
+    point lies in it.
+    """
+    if not scans:
+        raise ScanError("no scan was given; expected at least one")
+    frames = sorted({scan.frame_id for scan in scans})
+    if len(frames) > 1:
+        raise ScanError(f"the scans are in different world frames, {', '.join(frames)}; expected one frame for all")
+    if width < MARGIN * 2 + 10:
+        raise ScanError(f"the work image's width is {width}; expected at least {MARGIN * 2 + 10} pixels")
+    box = None if region is None else _checked_region(region)
+    crops = [_crop(scan, box, width) for scan in scans]
+    if all(crop is None for crop in crops):
+        raise ScanError(_empty_region(scans, box))
+    scene = _scene_points(scans, box, plane_tolerance, plane_tolerance_growth)
+    planes = find_support_planes(scene, _presumed_up(scans, up), up_is_known=up is not None or _has_pose(scans))
+    views, points, normals = [], [], []
+    for crop in crops:
+        if crop is None:  # this scan does not see the region
+            continue
+        depth, camera = crop
+        view, view_points, view_normals = _view(
+            depth, camera, box, planes, plane_tolerance, plane_tolerance_growth
+        )
+        views.append(view)
+        points.append(view_points)
+        normals.append(view_normals)
+    stamps = [scan.stamp for scan in scans if scan.stamp is not None]
+    return Observation(
+        tuple(views),
+        np.concatenate(points),
+        np.concatenate(normals),
+        planes,
+        _up(scans, planes, up),
+        box,
+        frames[0],
+        max(stamps, default=None),
+    )
+
+
+def _checked_region(region: Array) -> Array:
+    box = np.array(region, dtype=np.float64)
+    if box.shape != (6,) or not np.isfinite(box).all():
+        raise ScanError(f"the region is {np.asarray(region).tolist()!r:.120}; expected six numbers x0 y0 z0 x1 y1 z1")
+    if np.any(box[:3] >= box[3:]):
+        raise ScanError(f"the region {box.tolist()} is empty; expected x0 < x1, y0 < y1 and z0 < z1")
+    return box
+
+
+def _empty_region(scans: Sequence[Scan], box: Array | None) -> str:
+    corners = [_world(scan.camera, scan.camera.back_project(scan.depth))[scan.depth > 0] for scan in scans]
+    low = np.min([points.min(axis=0) for points in corners], axis=0).round(3)
+    high = np.max([points.max(axis=0) for points in corners], axis=0).round(3)
+    region = None if box is None else box.tolist()
+    return f"no measured point lies in the region {region}; the scan spans {[*low.tolist(), *high.tolist()]} in world"
+
+
+def _world(camera: Camera, points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """`points` (..., 3) of the camera frame in world; float32, because whole images pass through here."""
+    matrix = poses.to_matrix(camera.pose_world_camera).astype(np.float32)
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def _within(points: NDArray[np.floating], box: Array) -> NDArray[np.bool_]:
+    """(...) bool: which of `points` (..., 3), world, lie in `box` (6,)."""
+    inside = np.ones(points.shape[:-1], dtype=bool)
+    for k in range(3):
+        inside &= (points[..., k] >= box[k]) & (points[..., k] <= box[k + 3])
+    return inside
+
+
+def _crop(scan: Scan, box: Array | None, width: int) -> tuple[NDArray[np.float32], Camera] | None:
+    """The binned depth image of the region with its margin, and its camera; None where the scan sees none of it."""
+    wanted = scan.depth > 0
+    if box is not None:
+        wanted &= _within(_world(scan.camera, scan.camera.back_project(scan.depth)), box)
+    rows, columns = np.flatnonzero(wanted.any(axis=1)), np.flatnonzero(wanted.any(axis=0))
+    if len(rows) == 0:
+        return None
+    if box is None:
+        row, column, height, breadth = 0, 0, scan.camera.height, scan.camera.width
+        factor = -(-max(height, breadth) // width)
+    else:
+        height, breadth = int(rows[-1] - rows[0]) + 1, int(columns[-1] - columns[0]) + 1
+        factor = -(-max(height, breadth) // (width - 2 * MARGIN))
+        margin = MARGIN * factor
+        row, column = max(int(rows[0]) - margin, 0), max(int(columns[0]) - margin, 0)
+        height = min(int(rows[-1]) + 1 + margin, scan.camera.height) - row
+        breadth = min(int(columns[-1]) + 1 + margin, scan.camera.width) - column
+    w, h = max(breadth // factor, 1), max(height // factor, 1)
+    part = scan.depth[row : row + h * factor, column : column + w * factor]
+    return binned_depth(part, factor), scan.camera.binned(column, row, factor, w, h)
+
+
+def binned_depth(depth: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
+    """`depth` (h·factor, w·factor), metres, with one measured value for each block of factor × factor pixels: (h, w).
+
+    The value is the lower median of the block's measurements where at least half of its pixels have one, else 0. An
+    average would put points where nothing is, between an object's edge and what is behind it.
+    """
+    if factor == 1:
+        return depth.astype(np.float32)
+    h, w = depth.shape[0] // factor, depth.shape[1] // factor
+    blocks = depth.reshape(h, factor, w, factor).swapaxes(1, 2).reshape(h, w, factor * factor)
+    count = (blocks > 0).sum(axis=-1)
+    missing = factor * factor - count
+    # Sorted, the missing zeros come first; the lower median stands (count - 1) // 2 places after them.
+    ordered = np.sort(blocks, axis=-1)
+    place = missing + np.maximum(count - 1, 0) // 2
+    chosen = np.take_along_axis(ordered, np.minimum(place, factor * factor - 1)[..., None], axis=-1)[..., 0]
+    return np.where(2 * count >= factor * factor, chosen, np.float32(0.0)).astype(np.float32)
+
+
+def _tolerance(depth: NDArray[np.floating], base: float, growth: float) -> NDArray[np.floating]:
+    return base + growth * depth**2
+
+
+def _scene_points(scans: Sequence[Scan], box: Array | None, base: float, growth: float) -> ScenePoints:
+    """The oriented points of all scans, whole, thinned to about PLANE_WIDTH pixels across."""
+    points, normals, tolerances, border = [], [], [], []
+    for scan in scans:
+        factor = max(scan.camera.width // PLANE_WIDTH, 1)
+        w, h = scan.camera.width // factor, scan.camera.height // factor
+        # The middle pixel of a block: the median of `binned_depth` costs more and a plane averages anyway.
+        middle = factor // 2
+        depth = scan.depth[middle : h * factor : factor, middle : w * factor : factor][:h, :w]
+        camera = scan.camera.binned(middle, middle, factor, w, h)
+        # Each kept pixel's own ray, not that of its block's centre.
+        camera = Camera(
+            camera.width,
+            camera.height,
+            camera.fx,
+            camera.fy,
+            (scan.camera.cx - middle) / factor,
+            (scan.camera.cy - middle) / factor,
+            scan.camera.pose_world_camera,
+        )
+        valid = depth > 0
+        world = _world(camera, camera.back_project(depth))
+        rotation = poses.to_matrix(camera.pose_world_camera)[:3, :3]
+        at_border = np.zeros((h, w), dtype=bool)
+        edge = max(min(h, w) // 30, 1)
+        at_border[:edge] = at_border[-edge:] = at_border[:, :edge] = at_border[:, -edge:] = True
+        points.append(world[valid].astype(np.float64))
+        normals.append(surface_normals(depth, camera)[valid].astype(np.float64) @ rotation.T)
+        tolerances.append(_tolerance(depth[valid].astype(np.float64), base, growth))
+        border.append(at_border[valid])
+    all_points = np.concatenate(points)
+    inside = np.zeros(len(all_points), dtype=bool) if box is None else _within(all_points, box)
+    return ScenePoints(
+        all_points,
+        np.concatenate(normals),
+        np.concatenate(tolerances),
+        np.concatenate(border),
+        inside,
+        box is not None,
+    )
+
+
+def _view(
+    depth: NDArray[np.float32], camera: Camera, box: Array | None, planes: Array, base: float, growth: float
+) -> tuple[View, Array, Array]:
+    """The view of a binned `depth` image, and its object points and normals in world, (P, 3) each."""
+    world = _world(camera, camera.back_project(depth))
+    tolerance = _tolerance(depth, base, growth)
+    category = np.full(depth.shape, OBJECT, dtype=np.uint8)
+    if box is not None:
+        category[~_within(world, box)] = OUTSIDE
+    for plane in planes:
+        signed = world @ plane[:3].astype(np.float32) + np.float32(plane[3])
+        # Behind the plane there is only noise of the plane, hence the longer reach on that side.
+        category[(signed < tolerance) & (signed > -3 * tolerance)] = SUPPORT
+    category[depth <= 0] = NO_DEPTH
+    normals = surface_normals(depth, camera)
+    chosen = (category == OBJECT) & (normals != 0).any(axis=-1)
+    rotation = poses.to_matrix(camera.pose_world_camera)[:3, :3]
+    for array in (depth, category, normals):
+        array.setflags(write=False)
+    points = world[chosen].astype(np.float64)
+    return View(camera, depth, category, normals), points, normals[chosen].astype(np.float64) @ rotation.T
+
+
+def _has_pose(scans: Sequence[Scan]) -> bool:
+    return any(not np.array_equal(scan.camera.pose_world_camera, IDENTITY) for scan in scans)
+
+
+def _presumed_up(scans: Sequence[Scan], up: Array | None) -> Array:
+    """(3,) unit vector: which way is up before any plane is known."""
+    if up is not None:
+        given = np.array(up, dtype=np.float64)
+        length = np.linalg.norm(given)
+        if given.shape != (3,) or not np.isfinite(given).all() or length < 1e-9:
+            raise ScanError(f"up is {np.asarray(up).tolist()!r:.80}; expected three numbers, a direction in world")
+        return given / length
+    return np.array([0.0, 0.0, 1.0]) if _has_pose(scans) else np.array([0.0, -1.0, 0.0])
+
+
+def _up(scans: Sequence[Scan], planes: Array, up: Array | None) -> Array:
+    presumed = _presumed_up(scans, up)
+    if up is not None or _has_pose(scans) or len(planes) == 0:
+        return presumed
+    cosine = planes[:, :3] @ presumed
+    best = int(cosine.argmax())
+    return planes[best, :3].copy() if cosine[best] > FLOOR_COSINE else presumed

@@ -1,0 +1,176 @@
+"""Every setting of the inference: name, default, unit, one line of help, and its value in the preset `paper`.
+
+A setting is one entry of `Settings`. Command line, REST, page and documentation are derived from these entries. The
+defaults are the preset `robust`; the preset `paper` turns every deviation from the paper off: algorithm boxes 1 and 2
+and equations 10 and 11 to the letter. docs/algorithm.md gives the measured reason for each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+from pmpnbp.errors import SettingError
+
+
+def _setting(
+    default: Any, unit: str, help_text: str, *, paper: Any = None, low: float = -math.inf, choices: tuple[str, ...] = ()
+) -> Any:
+    """One entry. `paper` is the value in the preset `paper` where it differs; `low` the smallest value allowed."""
+    metadata = {"unit": unit, "help": help_text, "paper": default if paper is None else paper}
+    return field(default=default, metadata=metadata | {"low": low, "choices": choices})
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All settings, frozen. Build one with `preset` and `changed`."""
+
+    image_width: int = _setting(160, "pixels", "width of the working depth image, at most", low=16)
+    triangles: int = _setting(500, "triangles", "triangle budget of a part's mesh in the inference", low=12)
+    renderer: str = _setting("splats", "", "how a part alone is rendered", choices=("splats", "rasteriser"))
+    splat_points: int = _setting(256, "points", "visible surface points that stand for a part", low=16)
+    pixel_score: str = _setting(
+        "robust", "", "score of a pixel: robust, or eq. 10's plain distance", paper="distance",
+        choices=("robust", "distance"),
+    )  # fmt: skip
+    tolerance_start: float = _setting(0.06, "m", "distance at which a pixel stops to be explained, at first", low=1e-4)
+    tolerance_end: float = _setting(0.012, "m", "the same once annealed", low=1e-4)
+    free_space_cost: float = _setting(1.0, "", "cost of a pixel where the scan sees through the surface", low=0)
+    occlusion_cost: float = _setting(0.02, "", "cost of a pixel where something stands before the surface", low=0)
+    support_reward: float = _setting(0.1, "", "largest reward of a pixel on a floor, wall or table", low=0)
+    unary_scale: float = _setting(1.0, "", "lambda_r of eq. 10 where weights are not tempered", low=0)
+    effective_share: float = _setting(
+        0.15, "", "share of particles that tempering keeps effective; 0 turns tempering off", paper=0.0, low=0
+    )
+    pairwise_form: str = _setting(
+        "projected", "", "pairwise potential: residual after projection on the joint, or eq. 11",
+        paper="limits", choices=("projected", "limits"),
+    )  # fmt: skip
+    sigma_position: float = _setting(0.01, "m", "sigma_pos of the pairwise potential, once annealed", low=1e-5)
+    sigma_orientation: float = _setting(0.05, "rad", "sigma_ori of the pairwise potential, once annealed", low=1e-5)
+    joint_draws: int = _setting(8, "draws", "joint positions tried for each message sample", paper=1, low=1)
+    joint_memory: float = _setting(0.5, "", "share of those draws taken near positions that did well", paper=0.0, low=0)
+    neighbour_proposals: float = _setting(
+        0.35, "", "share of a part's particles proposed through joints from its neighbours", paper=0.0, low=0
+    )
+    belief_product: str = _setting(
+        "shared", "", "incoming messages judge one shared sample set (their product), or box 2's pooled sets",
+        paper="pooled", choices=("shared", "pooled"),
+    )  # fmt: skip
+    messages_keep_unary: bool = _setting(
+        False, "", "box 2 step 1a to the letter: messages keep the receiver's unary factor", paper=True
+    )
+    prior_factor: bool = _setting(True, "", "a gaussian prior goes on weighing its part after the start", paper=False)
+    object_estimate: bool = _setting(
+        True, "", "estimate the object as a whole each iteration, else each part's best particle", paper=False
+    )
+    neighbour_sum: bool = _setting(True, "", "weigh message samples by the sender's other messages (box 1 step 2c)")
+    anneal_iterations: int = _setting(12, "iterations", "over which tolerance and diffusion shrink", paper=0, low=0)
+    diffusion_position_start: float = _setting(0.04, "m", "diffusion of particles at first", low=0)
+    diffusion_position_end: float = _setting(0.0015, "m", "diffusion of particles, once annealed", paper=0.01, low=0)
+    diffusion_rotation_start: float = _setting(0.15, "rad", "turning of particles at first", low=0)
+    diffusion_rotation_end: float = _setting(0.005, "rad", "turning of particles, once annealed", paper=0.05, low=0)
+    search_iterations: int = _setting(
+        5, "iterations", "of whole-object search before belief propagation; 0 starts as the paper does", paper=0, low=0
+    )
+    search_proposals: int = _setting(6000, "hypotheses", "tried in each iteration of the search", low=10)
+    search_islands: int = _setting(40, "hypotheses", "distinct ones that survive each iteration of the search", low=1)
+    refine_iterations: int = _setting(
+        4, "iterations", "after annealing that score with the rasteriser instead of splats", paper=0, low=0
+    )
+    converged_motion: float = _setting(0.001, "m", "largest motion of any part between iterations at rest", low=0)
+    converged_iterations: int = _setting(3, "iterations", "at rest in a row that count as converged", low=1)
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            _check(entry.name, getattr(self, entry.name), entry.metadata, type(entry.default))
+
+
+def _check(name: str, value: Any, metadata: Mapping[str, Any], kind: type) -> None:
+    if metadata["choices"] and value not in metadata["choices"]:
+        raise SettingError(f"setting '{name}' is {value!r}; it can be {' or '.join(metadata['choices'])}")
+    if kind in (int, float) and not (math.isfinite(value) and value >= metadata["low"]):
+        raise SettingError(f"setting '{name}' is {value!r}; it must be a finite number of at least {metadata['low']}")
+
+
+def preset(name: str) -> Settings:
+    """The preset `robust` (all defaults) or `paper`. Raises SettingError for another name."""
+    if name == "robust":
+        return Settings()
+    if name == "paper":
+        return Settings(**{entry.name: entry.metadata["paper"] for entry in fields(Settings)})
+    raise SettingError(f"preset '{name}' does not exist; there are robust and paper")
+
+
+def changed(settings: Settings, changes: Mapping[str, Any]) -> Settings:
+    """`settings` with `changes`, whose values may be text. `preset` among them is applied first.
+
+    Raises SettingError for an unknown name, naming those there are, or a value of the wrong kind.
+    """
+    if "preset" in changes:
+        settings = preset(str(changes["preset"]))
+    known = {entry.name: entry for entry in fields(Settings)}
+    values: dict[str, Any] = {}
+    for name, value in changes.items():
+        if name == "preset":
+            continue
+        if name not in known:
+            raise SettingError(f"setting '{name}' does not exist; there are preset, {', '.join(known)}")
+        values[name] = _convert(name, value, type(known[name].default))
+    return replace(settings, **values)
+
+
+def _convert(name: str, value: Any, kind: type) -> Any:
+    if kind is bool:
+        if isinstance(value, bool):
+            return value
+        if str(value).lower() in ("true", "1", "yes", "false", "0", "no"):
+            return str(value).lower() in ("true", "1", "yes")
+    elif kind is str:
+        return str(value)
+    elif not isinstance(value, bool):
+        try:
+            number = float(value)
+            if kind is float:
+                return number
+            if number == int(number):
+                return int(number)
+        except (TypeError, ValueError, OverflowError):
+            pass
+    expected = {bool: "true or false", int: "a whole number", float: "a number"}[kind]
+    raise SettingError(f"setting '{name}' is {value!r}; it must be {expected}")
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """What the annealing has reached in an iteration: see `schedule`."""
+
+    progress: float
+    tolerance: float
+    diffusion_position: float
+    diffusion_rotation: float
+    sigma_position: float
+    sigma_orientation: float
+
+
+def schedule(settings: Settings, iteration: int) -> Schedule:
+    """Annealed values in an `iteration` from 1 on: geometric from start to end over search and annealing together."""
+    step, span = iteration, settings.anneal_iterations + (settings.search_iterations if settings.anneal_iterations else 0)
+    progress = 1.0 if span == 0 else min(max(step - 1, 0) / span, 1.0)
+
+    def between(start: float, end: float) -> float:
+        return end if progress == 1.0 or start <= 0 or end <= 0 else start ** (1 - progress) * end**progress
+
+    position = between(settings.diffusion_position_start, settings.diffusion_position_end)
+    rotation = between(settings.diffusion_rotation_start, settings.diffusion_rotation_end)
+    return Schedule(
+        progress,
+        between(settings.tolerance_start, settings.tolerance_end),
+        position,
+        rotation,
+        # two particles that fit each other are apart by the diffusion of both, so the kernel is no narrower than that
+        settings.sigma_position if span == 0 else max(settings.sigma_position, 1.5 * position),
+        settings.sigma_orientation if span == 0 else max(settings.sigma_orientation, 1.5 * rotation),
+    )

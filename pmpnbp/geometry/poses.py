@@ -2,12 +2,14 @@
 
 A pose is named by its frames, parent first: `pose_world_camera` takes camera coordinates to world coordinates, and
 `multiply(pose_world_camera, pose_camera_link)` is `pose_world_link`. All functions broadcast over leading axes. A
-quaternion and its negative are the same rotation; nothing here prefers either.
+quaternion and its negative are the same rotation; nothing here prefers either. The two products are compiled: a chain
+of joints multiplies many short arrays, on which NumPy spends ten times longer on bookkeeping than on arithmetic.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numba import float64, guvectorize
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
@@ -16,19 +18,31 @@ IDENTITY: Array = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 IDENTITY.setflags(write=False)
 
 
+@guvectorize([(float64[:], float64[:], float64[:])], "(n),(n)->(n)", nopython=True, cache=True)
+def _quaternion_multiply(a, b, out):  # type: ignore[no-untyped-def]
+    out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
+    out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
+    out[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
+    out[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
+
+
+@guvectorize([(float64[:], float64[:], float64[:])], "(n),(m)->(m)", nopython=True, cache=True)
+def _rotate(q, vector, out):  # type: ignore[no-untyped-def]
+    # v + 2 u × (u × v + w v), u the vector part: cheaper than the product with the conjugate
+    x = q[2] * vector[2] - q[3] * vector[1] + q[0] * vector[0]
+    y = q[3] * vector[0] - q[1] * vector[2] + q[0] * vector[1]
+    z = q[1] * vector[1] - q[2] * vector[0] + q[0] * vector[2]
+    out[0], out[1], out[2] = (
+        vector[0] + 2.0 * (q[2] * z - q[3] * y),
+        vector[1] + 2.0 * (q[3] * x - q[1] * z),
+        vector[2] + 2.0 * (q[1] * y - q[2] * x),
+    )
+
+
 def quaternion_multiply(a: Array, b: Array) -> Array:
     """Hamilton product of quaternions `a` and `b`, both (..., 4), w x y z."""
-    aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
-    bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
-    return np.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ],
-        axis=-1,
-    )
+    product: Array = _quaternion_multiply(a, b)
+    return product
 
 
 def quaternion_conjugate(q: Array) -> Array:
@@ -38,15 +52,18 @@ def quaternion_conjugate(q: Array) -> Array:
 
 def rotate(q: Array, vectors: Array) -> Array:
     """Rotate `vectors` (..., 3) by unit quaternions `q` (..., 4), w x y z."""
-    w, u = q[..., :1], q[..., 1:]
-    cross = np.cross(u, vectors)
-    return vectors + 2.0 * (w * cross + np.cross(u, cross))
+    turned: Array = _rotate(q, vectors)
+    return turned
 
 
 def multiply(a: Array, b: Array) -> Array:
     """Compose poses (..., 7): `multiply(pose_a_b, pose_b_c)` is `pose_a_c`."""
-    position = a[..., :3] + rotate(a[..., 3:], b[..., :3])
-    return np.concatenate([position, quaternion_multiply(a[..., 3:], b[..., 3:])], axis=-1)
+    q = quaternion_multiply(a[..., 3:], b[..., 3:])
+    product = np.empty((*q.shape[:-1], 7))
+    product[..., :3] = rotate(a[..., 3:], b[..., :3])
+    product[..., :3] += a[..., :3]
+    product[..., 3:] = q
+    return product
 
 
 def inverse(pose: Array) -> Array:

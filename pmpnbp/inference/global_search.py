@@ -10,7 +10,7 @@ of these as islands. The belief it leaves is made of whole objects: particle i o
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +22,18 @@ from pmpnbp.inference.belief import FLIP, OWN, START, SURFACE, Belief, Iteration
 from pmpnbp.inference.initialisation import matched_roots, prior_roots, random_joints
 from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.problem import Problem
-from pmpnbp.inference.tree_estimate import configuration_scores
+from pmpnbp.inference.tree_estimate import configuration_scores, polish
 from pmpnbp.scene.articulated_object import Edge
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.settings import Schedule, schedule
 
 # Splats a part is judged by in the search; a hypothesis that is far off needs no more to be dropped.
 SEARCH_POINTS = 64
+# Hypotheses that are polished and compared at the end, over how many rounds, and at how many times the end tolerance.
+FINALISTS = 5
+POLISH_ROUNDS = 3
+FLIP_PLACES = 50
+FINAL_TOLERANCE = 2.0
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,10 @@ class Hypotheses:
             self.part_poses[rows],
         )  # fmt: skip
 
+    def joined(self, other: Hypotheses) -> Hypotheses:
+        """These and then the others."""
+        return Hypotheses(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)))
+
 
 def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, IterationReport]:
     """One iteration of the search."""
@@ -66,6 +75,10 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     leaders, member_of = _distinct(problem, tried, order, 3 * settings.search_islands, 1.5 * plan.diffusion_position)
     whole = configuration_scores(problem, tried.roots[leaders], tried.joints[leaders], plan.tolerance)
     ranked = np.argsort(-whole, kind="stable")[: settings.search_islands]
+    if number == settings.search_iterations:
+        tried, total = _settled(rng, problem, tried.taken(leaders[ranked]), plan)
+        order = leaders = member_of = np.arange(len(total))
+        whole, ranked = total, np.argsort(-total, kind="stable")
     belief, temperature = _belief(problem, tried, total, order, member_of, leaders, whole, ranked)
     best = leaders[ranked[0]]
     new = State(number, belief, None, tried.roots[best], tried.joints[best])
@@ -76,6 +89,47 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
         float(whole[ranked[0]]), time.perf_counter() - began,
     )  # fmt: skip
     return new, report
+
+
+def _settled(
+    rng: np.random.Generator, problem: Problem, finalists: Hypotheses, plan: Schedule
+) -> tuple[Hypotheses, Array]:
+    """The last word of the search: finalists and their quarter turns, polished, and their whole-object scores.
+
+    Until here a good hypothesis a little out of place may have been worth less than a wrong one in its best place; so
+    they are compared in their best places, at a tight tolerance.
+    """
+    finalists = finalists.taken(np.arange(min(FINALISTS, len(finalists.roots))))
+    if isinstance(problem.prior, UniformPrior):
+        centre = poses.transform_points(finalists.part_poses[:, 0], problem.mrf.centres[0])
+        turned = np.concatenate([_turned(rng, problem, finalists.roots, centre, quarter) for quarter in (1, 2, 3)])
+        # a front is not where the back was: each turn is tried in many places near its own
+        noise = rng.standard_normal((len(turned) * FLIP_PLACES, 6))
+        near = poses.perturb(
+            np.repeat(turned, FLIP_PLACES, axis=0), plan.diffusion_position * noise[:, :3],
+            0.5 * plan.diffusion_rotation * noise[:, 3:], problem.mrf.centres[0],
+        )  # fmt: skip
+        parent = np.repeat(np.tile(np.arange(len(centre)), 3), FLIP_PLACES)
+        origins = np.full(len(near), FLIP, dtype=np.uint8), finalists.ancestor[parent]
+        flips = walk(rng, problem, (near, finalists.joints[parent], *origins), plan)
+        best = flips.unary.sum(axis=1).reshape(-1, FLIP_PLACES).argmax(axis=1) + np.arange(len(turned)) * FLIP_PLACES
+        finalists, _ = _polished(rng, problem, finalists.joined(flips.taken(best)), plan, plan.tolerance)
+    return _polished(rng, problem, finalists, plan, FINAL_TOLERANCE * problem.settings.tolerance_end)
+
+
+def _polished(
+    rng: np.random.Generator, problem: Problem, tried: Hypotheses, plan: Schedule, tolerance: float
+) -> tuple[Hypotheses, Array]:
+    """The best FINALISTS of hypotheses in their best places at a tolerance, and their whole-object scores."""
+    score = np.empty(len(tried.roots))
+    roots, joints = tried.roots.copy(), tried.joints.copy()
+    for i in range(len(score)):
+        roots[i], joints[i], score[i] = polish(
+            rng, problem, roots[i : i + 1], joints[i : i + 1], plan, tolerance, rounds=POLISH_ROUNDS
+        )
+    part_poses = problem.mrf.model.part_poses(roots, joints)
+    best = np.argsort(-score, kind="stable")[:FINALISTS]
+    return replace(tried, roots=roots, joints=joints, part_poses=part_poses).taken(best), score[best]
 
 
 def _proposals(
@@ -109,12 +163,16 @@ def _proposals(
     children = poses.perturb(
         children, plan.diffusion_position * noise[:, :3], plan.diffusion_rotation * noise[:, 3:], problem.mrf.centres[0]
     )
-    flipped = np.flatnonzero(rng.random(offspring) < (0.3 if isinstance(problem.prior, UniformPrior) else 0.0))
-    flipped = flipped[flipped >= len(parents)]
-    centre = state.belief.poses[:, chosen[flipped], :3].mean(axis=0)
-    children[flipped] = _turned(rng, problem, children[flipped], centre)
     kind = np.full(offspring, OWN, dtype=np.uint8)
-    kind[flipped] = FLIP
+    if isinstance(problem.prior, UniformPrior):
+        flipped = np.flatnonzero(rng.random(offspring) < 0.3)
+        flipped = flipped[flipped >= len(parents)]
+        # about the middle of any part: that of the largest keeps its outline, that of a small one finds others
+        about = rng.integers(problem.mrf.nodes, size=len(flipped)) * (rng.random(len(flipped)) < 0.5)
+        centre = poses.transform_points(state.belief.poses[about, chosen[flipped]], problem.mrf.centres[about])
+        quarters = rng.integers(1, 4, size=(len(flipped), 1))
+        children[flipped] = _turned(rng, problem, children[flipped], centre, quarters)
+        kind[flipped] = FLIP
     return (
         np.concatenate([roots, children]),
         np.concatenate([joints, state.belief.joint_positions[chosen]]),
@@ -123,10 +181,13 @@ def _proposals(
     )
 
 
-def _turned(rng: np.random.Generator, problem: Problem, roots: Array, centre: Array) -> Array:
-    """Roots (P, 7) turned by 90, 180 or 270° about `centre` (P, 3): about up, or any axis of the root in turn."""
+def _turned(
+    rng: np.random.Generator, problem: Problem, roots: Array, centre: Array, quarters: NDArray[np.int64] | int
+) -> Array:
+    """Roots (P, 7) turned by `quarters` (P, 1) of 90° about `centre` (P, 3): about up, or where any orientation is
+    possible about a random one of the root's axes."""
     assert isinstance(problem.prior, UniformPrior)
-    angle = rng.integers(1, 4, size=(len(roots), 1)) * (np.pi / 2)
+    angle = np.broadcast_to(quarters, (len(roots), 1)) * (np.pi / 2)
     axis = np.broadcast_to(problem.observation.up, (len(roots), 3))
     if problem.prior.orientation == "any":
         axis = poses.rotate(roots[:, 3:], np.eye(3)[rng.integers(3, size=len(roots))])
@@ -211,10 +272,14 @@ def _distinct(
     problem: Problem, tried: Hypotheses, order: NDArray[np.int64], most: int, apart: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Greedy choice, in `order`, of hypotheses further than `apart` metres from each other: rows of the chosen, and for
-    each of `order` the place of the chosen one it belongs to (-1: none)."""
+    each of `order` the place of the chosen one it belongs to (-1: none).
+
+    A part counts by what it explains: hidden parts that lie elsewhere do not make another hypothesis.
+    """
     centres, radii = problem.mrf.centres, problem.mrf.radii
     corners = np.stack([centres, *(centres + radii[:, None] * axis for axis in np.eye(3))], axis=1)
-    marks = poses.transform_points(tried.part_poses[order][:, :, None], corners).reshape(len(order), -1, 3)
+    marks = poses.transform_points(tried.part_poses[order][:, :, None], corners)
+    evidence = np.maximum(tried.unary[order], 0.0) + 1e-6
     member_of = np.full(len(order), -1)
     leaders: list[int] = []
     for row in range(len(order)):
@@ -223,7 +288,8 @@ def _distinct(
         if len(leaders) == most:
             break
         waiting = np.flatnonzero(member_of < 0)
-        distance = np.sqrt(np.mean(np.sum((marks[waiting] - marks[row]) ** 2, axis=-1), axis=-1))
+        squares = np.mean(np.sum((marks[waiting] - marks[row]) ** 2, axis=-1), axis=-1)
+        distance = np.sqrt(squares @ evidence[row] / evidence[row].sum())
         member_of[waiting[distance < apart]] = len(leaders)
         leaders.append(row)
     return order[np.array(leaders, dtype=np.int64)], member_of
@@ -258,7 +324,7 @@ def _belief(
     members = tried.taken(chosen)
     # within an island by its members' own scores, between islands by the whole-object ones
     merit = temperature * (total[chosen] - total[leaders[ranked]][where])
-    log_weights = lw.normalise(np.log(weights[where] / slots[where]) + np.minimum(merit, 0.0))
+    log_weights = lw.normalise(np.log(weights[where] / slots[where] + 1e-300) + np.minimum(merit, 0.0))
     nodes = problem.mrf.nodes
 
     def per_node(values: NDArray[np.generic]) -> NDArray[np.generic]:

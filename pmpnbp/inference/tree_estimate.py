@@ -25,31 +25,41 @@ VARIATIONS = 24
 
 def improve(
     rng: np.random.Generator, problem: Problem, state: State, belief: Belief, plan: Schedule
-) -> tuple[Array, Array, Array, float]:
+) -> tuple[Array | None, Array | None, Array, float]:
     """Root pose (7,), joint vector (D,), part poses (N, 7) and whole-object log score.
 
-    Without the setting `object_estimate` (the paper): the best particle of each part, joints as in the iteration
-    before, and no score (NaN).
+    Without the setting `object_estimate` (the paper): the best particle of each part, which need not agree
+    with a tree, and no score (NaN).
     """
     model = problem.mrf.model
     best = belief.log_weights.argmax(axis=1)
     best_poses = belief.poses[np.arange(len(best)), best]
     if not problem.settings.object_estimate:
-        root, joints = assemble(problem.mrf, best_poses, 0)
-        return root, joints, best_poses, float("nan")
+        return None, None, best_poses, float("nan")
     means = np.stack([_local_mean(belief, node, int(best[node]), plan) for node in range(problem.mrf.nodes)])
-    found = [assemble(problem.mrf, given, anchor) for given in (best_poses, means) for anchor in range(len(best))]
+    both = np.stack([best_poses, means])
+    found = [assemble(problem.mrf, both, anchor) for anchor in range(len(best))]
+    roots, joints = np.concatenate([r for r, _ in found]), np.concatenate([q for _, q in found])
     if state.root is not None and state.joints is not None:
-        found.append((state.root, state.joints))
-    roots, joints = np.array([root for root, _ in found]), np.array([q for _, q in found]).reshape(len(found), -1)
-    for _ in range(2):
-        # the best so far first: ties keep it
-        score = configuration_scores(problem, roots, joints, plan.tolerance)
-        top = int(score.argmax())
-        roots, joints = vary(rng, problem, roots[top], joints[top], VARIATIONS, plan)
-    score = configuration_scores(problem, roots, joints, plan.tolerance)
+        roots, joints = np.concatenate([roots, state.root[None]]), np.concatenate([joints, state.joints[None]])
+    roots, joints, score = polish(rng, problem, roots, joints, plan, plan.tolerance, rounds=2)
+    return roots, joints, model.part_poses(roots, joints), score
+
+
+def polish(
+    rng: np.random.Generator, problem: Problem, roots: Array, joints: Array, plan: Schedule, tolerance: float, rounds: int
+) -> tuple[Array, Array, float]:
+    """The best of configurations (C, 7), (C, D) after `rounds` of small variations: root, joints and its score."""
+    score = configuration_scores(problem, roots, joints, tolerance)
     top = int(score.argmax())
-    return roots[top], joints[top], model.part_poses(roots[top], joints[top]), float(score[top])
+    root, q, best = roots[top], joints[top], float(score[top])
+    for _ in range(rounds):
+        roots, joints = vary(rng, problem, root, q, VARIATIONS, plan)
+        score = configuration_scores(problem, roots, joints, tolerance)
+        top = int(score.argmax())
+        if score[top] > best:
+            root, q, best = roots[top], joints[top], float(score[top])
+    return root, q, best
 
 
 def configuration_scores(problem: Problem, roots: Array, joints: Array, tolerance: float) -> Array:
@@ -62,11 +72,11 @@ def configuration_scores(problem: Problem, roots: Array, joints: Array, toleranc
 
 
 def assemble(mrf: Mrf, part_poses: Array, anchor: int) -> tuple[Array, Array]:
-    """Root pose (7,) and joint vector (D,) that keep part `anchor` where `part_poses` (N, 7) has it and bring every
-    other part, outwards from it, as near to its given pose as its joint allows."""
+    """Root poses (C, 7) and joint vectors (C, D) that keep part `anchor` where `part_poses` (C, N, 7) has it and bring
+    every other part, outwards from it, as near to its given pose as its joint allows."""
     model = mrf.model
-    joints = np.clip(0.0, model.lower, model.upper)
-    placed = {anchor: part_poses[anchor]}
+    joints = np.tile(np.clip(0.0, model.lower, model.upper), (len(part_poses), 1))
+    placed = {anchor: part_poses[:, anchor]}
     waiting = list(model.edges)
     while waiting:
         later = []
@@ -78,12 +88,14 @@ def assemble(mrf: Mrf, part_poses: Array, anchor: int) -> tuple[Array, Array]:
                 continue
             outward = edge.parent in placed
             here, there = (edge.parent, edge.child) if outward else (edge.child, edge.parent)
-            pair = (placed[here], part_poses[there]) if outward else (part_poses[there], placed[here])
-            axes, _, _ = project(edge, poses.multiply(poses.inverse(pair[0]), pair[1])[None])
-            relative = edge.pose_parent_child(axes[0])
+            parent, child = placed[here], part_poses[:, there]
+            if not outward:
+                parent, child = child, parent
+            axes, _, _ = project(edge, poses.multiply(poses.inverse(parent), child))
+            relative = edge.pose_parent_child(axes)
             placed[there] = poses.multiply(placed[here], relative if outward else poses.inverse(relative))
             moving = edge.multiplier != 0
-            joints[edge.coordinates[moving]] = ((axes[0] - edge.offset) / np.where(moving, edge.multiplier, 1))[moving]
+            joints[:, edge.coordinates[moving]] = ((axes - edge.offset) / np.where(moving, edge.multiplier, 1))[:, moving]
         if len(later) == len(waiting):
             break
         waiting = later
@@ -93,21 +105,29 @@ def assemble(mrf: Mrf, part_poses: Array, anchor: int) -> tuple[Array, Array]:
 def vary(
     rng: np.random.Generator, problem: Problem, root: Array, joints: Array, count: int, plan: Schedule
 ) -> tuple[Array, Array]:
-    """`count` variations of a configuration, itself first: root poses (1 + count, 7), joint vectors (1 + count, D).
+    """`count` variations of a configuration: root poses (count, 7), joint vectors (count, D).
 
+    A third moves the whole object and its joints at once. The others move one part, and all the rest stays where it
+    is as far as the joints allow: a frame that slipped along its drawers' axis comes back without losing the drawers.
     Steps are as long as the diffusion or up to fifty times shorter, so that both an early and a late estimate moves.
     """
-    model = problem.mrf.model
+    model, mrf = problem.mrf.model, problem.mrf
     scale = np.exp(rng.uniform(np.log(0.02), 0.0, (count, 1)))
     noise = rng.standard_normal((count, 6)) * (rng.random((count, 6)) < 0.6) * scale
-    pivot = problem.mrf.centres[0]
-    moved = poses.perturb(
-        root, plan.diffusion_position * noise[:, :3], plan.diffusion_rotation * noise[:, 3:], pivot
-    )  # fmt: skip
-    turned = rng.standard_normal((count, model.dof)) * (rng.random((count, model.dof)) < 0.6) * scale
+    shift, turn = plan.diffusion_position * noise[:, :3], plan.diffusion_rotation * noise[:, 3:]
+    whole = max(count // 3, 1)
     reach = np.where(problem.joint_turns, plan.diffusion_position / 0.3, plan.diffusion_position)
-    varied = within_limits(joints + reach * turned, model.lower, model.upper, model.wraps)
-    return np.concatenate([root[None], moved]), np.concatenate([joints[None], varied])
+    turned = reach * scale[:whole] * rng.standard_normal((whole, model.dof)) * (rng.random((whole, model.dof)) < 0.6)
+    roots = [poses.perturb(root, shift[:whole], turn[:whole], mrf.centres[0])]
+    varied = [within_limits(joints + turned, model.lower, model.upper, model.wraps)]
+    part_poses = model.part_poses(root, joints)
+    for anchor, rows in ((0, slice(whole, 2 * whole)), (int(rng.integers(mrf.nodes)), slice(2 * whole, count))):
+        moved = np.tile(part_poses, (len(shift[rows]), 1, 1))
+        moved[:, anchor] = poses.perturb(part_poses[anchor], shift[rows], turn[rows], mrf.centres[anchor])
+        new_roots, new_joints = assemble(mrf, moved, anchor)
+        roots.append(new_roots)
+        varied.append(new_joints)
+    return np.concatenate(roots), np.concatenate(varied)
 
 
 def _local_mean(belief: Belief, node: int, best: int, plan: Schedule) -> Array:

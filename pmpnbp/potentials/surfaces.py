@@ -22,7 +22,7 @@ class Surfaces:
     centres : (N, 3) middle of each part's bounding box; radii : (N,) half its diagonal
     vertices : (3, V) float32, all parts' vertices; vertex_offsets : (N + 1,) where each part's begin
     faces : (3, F) int32, counted from the part's first vertex; face_offsets : (N + 1,)
-    one_sided : (F,) bool, faces of a closed surface, which turn their outward side to whoever sees them
+    one_sided : (F,) int32, 1 for faces of a closed surface, which turn their outward side to whoever sees them
     """
 
     points: NDArray[np.float32]
@@ -31,7 +31,7 @@ class Surfaces:
     radii: Array
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
-    one_sided: NDArray[np.bool_]
+    one_sided: NDArray[np.int32]
     vertex_offsets: NDArray[np.int64]
     face_offsets: NDArray[np.int64]
 
@@ -80,7 +80,7 @@ def prepare_surfaces(
         radii=radii,
         vertices=np.ascontiguousarray(np.concatenate(vertices).T),
         faces=np.ascontiguousarray(np.concatenate(faces).T),
-        one_sided=np.zeros(sum(len(face) for face in faces), dtype=np.bool_),
+        one_sided=np.zeros(sum(len(face) for face in faces), dtype=np.int32),
         vertex_offsets=np.concatenate([[0], np.cumsum([len(v) for v in vertices])]).astype(np.int64),
         face_offsets=np.concatenate([[0], np.cumsum([len(f) for f in faces])]).astype(np.int64),
     )

@@ -37,7 +37,7 @@ class Part:
     mesh : all visual geometry (collision geometry where there is no visual one), in the part's frame; no faces where
         the part has no geometry, and then its unary potential is 1 everywhere
     inference_mesh : the same, reduced to a triangle budget
-    deviation : largest distance from `mesh` to `inference_mesh`, metres
+    deviation : largest distance between `inference_mesh` and what of `mesh` is seen from outside, both ways, metres
     """
 
     name: str

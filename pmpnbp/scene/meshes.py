@@ -49,8 +49,8 @@ def load_mesh(data: bytes, extension: str, what: str, triangle_limit: int) -> Me
     `what` names the mesh in errors. Raises ModelError where the file cannot be read, holds no triangle, a number that
     is not finite, or more than `triangle_limit` triangles.
     """
-    if extension == ".dae" and (b"\0" in data[:64] or re.search(rb"<!\s*(DOCTYPE|ENTITY)", data)):
-        raise ModelError(f"{what} has a DOCTYPE or is not UTF-8, which is not accepted")
+    if extension == ".dae":
+        _refuse_entities(data, what)
     try:
         scene = trimesh.load_scene(
             io.BytesIO(data), file_type=extension[1:], resolver=None, process=False, skip_materials=True
@@ -130,6 +130,16 @@ def _flatten(scene: trimesh.Scene, what: str, triangle_limit: int) -> Mesh:
         mirrored = np.linalg.det(matrix[:3, :3]) < 0
         pieces.append(Mesh(vertices, faces[:, ::-1] if mirrored else faces))
     return joined(pieces)
+
+
+def _refuse_entities(data: bytes, what: str) -> None:
+    """No document type, and no encoding that could hide one: entities read files and grow without bound."""
+    declared = re.search(rb"encoding\s*=\s*[\"']([^\"']*)", data[:200])
+    encoding = declared[1].decode("ascii", "replace") if declared else "utf-8"
+    if b"\0" in data[:64] or encoding.lower() not in ("utf-8", "utf8", "us-ascii", "ascii", "iso-8859-1"):
+        raise ModelError(f"{what} is not encoded as UTF-8, ASCII or ISO-8859-1, the only encodings accepted")
+    if re.search(rb"<!\s*(DOCTYPE|ENTITY)", data):
+        raise ModelError(f"{what} has a DOCTYPE, which is not accepted: no document type and no entities")
 
 
 def _metres(piece: trimesh.Trimesh) -> float:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import lzma
+import re
 import stat
+import struct
 import tempfile
 import zipfile
 import zlib
@@ -62,12 +65,15 @@ class ModelFiles:
                     return resolved
             except (OSError, ValueError, RuntimeError):  # a name too long, a NUL in it, a circle of links
                 continue
+        what = f"mesh '{filename}' of link '{link}'"
         if outside:
-            raise ModelError(
-                f"mesh '{filename}' of link '{link}' is not in the folder of the URDF, and nothing outside it is read: "
-                "zip the URDF together with its meshes"
-            )
-        raise ModelError(f"mesh '{filename}' of link '{link}' is missing")
+            raise ModelError(f"{what} lies outside the model's folder, and nothing outside it is read{self._advice()}")
+        if filename.startswith("package://"):
+            raise ModelError(f"{what} is missing: packages are looked for in the model's folder only{self._advice()}")
+        raise ModelError(f"{what} is missing")
+
+    def _advice(self) -> str:
+        return "" if self.from_zip else "; zip the URDF together with its meshes"
 
     def _candidates(self, filename: str, link: str) -> Iterator[Path]:
         """Where the file may be, most likely first; not yet confined to the root."""
@@ -104,7 +110,8 @@ def open_model(path: Path, limits: ModelLimits) -> Iterator[ModelFiles]:
     A zip is unpacked to a temporary folder that is gone when the context ends. Raises ModelError.
     """
     if not path.is_file():
-        raise ModelError(f"model '{path.name}' is not there, expected a URDF file or a zip holding one")
+        came = "is a folder" if path.is_dir() else "is not there"
+        raise ModelError(f"model '{path.name}' {came}, expected a URDF file or a zip holding one")
     if path.suffix.lower() == ".xacro":
         raise ModelError(f"model '{path.name}' is a xacro template, expected a URDF: expand it with xacro first")
     try:
@@ -132,7 +139,7 @@ def _unpack(path: Path, root: Path, limits: ModelLimits) -> None:
             left = limits.unpacked_bytes
             for entry in entries:
                 target = root / _checked_name(entry, path)
-                if entry.is_dir():
+                if entry.is_dir() or target == root:
                     target.mkdir(parents=True, exist_ok=True)
                     continue
                 target.parent.mkdir(parents=True, exist_ok=True)
@@ -147,8 +154,8 @@ def _unpack(path: Path, root: Path, limits: ModelLimits) -> None:
                                 f"zip '{path.name}' unpacks to more than {limits.unpacked_bytes / MEBIBYTE:g} MiB"
                             )
                         file.write(chunk)
-    except (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, EOFError, OSError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
+    except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, OSError) as error:
+        reason = (isinstance(error, OSError) and error.strerror) or error or "it ends too early"
         raise ModelError(f"zip '{path.name}' is damaged: {reason}") from None
     except (NotImplementedError, RuntimeError, ValueError, ArithmeticError, LookupError) as error:
         # zipfile's words for methods it does not know, for passwords, and for headers that make no sense
@@ -158,7 +165,7 @@ def _unpack(path: Path, root: Path, limits: ModelLimits) -> None:
 def _checked_name(entry: zipfile.ZipInfo, path: Path) -> PurePosixPath:
     name = entry.filename.replace("\\", "/")
     inside = PurePosixPath(name)
-    if inside.is_absolute() or ".." in inside.parts or ":" in name or not inside.parts:
+    if inside.is_absolute() or ".." in inside.parts or re.match("[A-Za-z]:", name):
         raise ModelError(f"zip '{path.name}' holds '{entry.filename}', expected relative paths without '..'")
     kind = stat.S_IFMT(entry.external_attr >> 16)
     if kind not in (0, stat.S_IFREG, stat.S_IFDIR):

@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmpnbp.errors import ModelError
 from pmpnbp.geometry import poses
@@ -34,7 +35,9 @@ class LinkSurface:
     exact: tuple[Mesh, ...] = ()
     scanned: tuple[Mesh, ...] = ()
 
-    def __bool__(self) -> bool:
+    @property
+    def visible(self) -> bool:
+        """Whether there is any."""
         return bool(self.exact or self.scanned)
 
 
@@ -100,17 +103,17 @@ def assemble(
 
 def _groups(root: str, joints: tuple[Joint, ...], surfaces: Mapping[str, LinkSurface]) -> dict[str, _Group]:
     """Every group, by each of its links."""
-    groups = {root: _Group({root: poses.IDENTITY}, bool(surfaces[root]))}
+    groups = {root: _Group({root: poses.IDENTITY}, surfaces[root].visible)}
     for joint in joints:
         above = groups[joint.parent]
         if joint.kind == "fixed":
             pose = poses.multiply(above.poses_group_link[joint.parent], joint.pose_parent_joint)
             above.poses_group_link[joint.child] = pose
-            above.visible |= bool(surfaces[joint.child])
+            above.visible |= surfaces[joint.child].visible
             groups[joint.child] = above
         else:
             above.moving.append(joint)
-            groups[joint.child] = _Group({joint.child: poses.IDENTITY}, bool(surfaces[joint.child]))
+            groups[joint.child] = _Group({joint.child: poses.IDENTITY}, surfaces[joint.child].visible)
     return groups
 
 
@@ -119,20 +122,19 @@ def _drop_unseen_leaves(root: str, groups: dict[str, _Group]) -> None:
     for group in ordered:  # grows while it is walked
         ordered.extend(groups[joint.child] for joint in group.moving)
     for group in reversed(ordered):
-        group.moving[:] = [
-            joint for joint in group.moving if groups[joint.child].visible or groups[joint.child].moving
-        ]
+        group.moving[:] = [joint for joint in group.moving if groups[joint.child].visible or groups[joint.child].moving]
 
 
 def _part(group: _Group, surfaces: Mapping[str, LinkSurface], triangle_budget: int) -> Part:
     links = tuple(group.poses_group_link)
-    exact, scanned = [], []
+    exact: list[Mesh] = []
+    scanned: list[Mesh] = []
     for link, pose in group.poses_group_link.items():
         exact.extend(transformed(mesh, pose) for mesh in surfaces[link].exact)
         scanned.extend(transformed(mesh, pose) for mesh in surfaces[link].scanned)
     mesh, inference_mesh, deviation = reduced(exact, scanned, triangle_budget)
     return Part(
-        name=next((link for link in links if surfaces[link]), links[0]),
+        name=next((link for link in links if surfaces[link].visible), links[0]),
         links=links,
         poses_part_link=np.stack(list(group.poses_group_link.values())),
         mesh=mesh,
@@ -148,11 +150,16 @@ def _edge(
     groups: dict[str, _Group],
     lower: Array,
     upper: Array,
-    wraps: np.ndarray,
+    wraps: NDArray[np.bool_],
 ) -> Edge:
     """The edge of a chain of moving joints. What follows a joint starts at its child link, which is the first of the
     next group, so the chain's end is the child part's frame itself."""
-    before, revolute, axes, low, high, full = [], [], [], [], [], []
+    before: list[Array] = []
+    revolute: list[bool] = []
+    axes: list[Array] = []
+    low: list[float] = []
+    high: list[float] = []
+    full: list[bool] = []
     for joint in chain:
         turns, directions = joint.elementary_axes()
         start = poses.multiply(groups[joint.parent].poses_group_link[joint.parent], joint.pose_parent_joint)
@@ -186,7 +193,7 @@ def _edge(
 
 def _joint_vector(
     joints: tuple[Joint, ...], unlimited_range: float
-) -> tuple[tuple[str, ...], Array, Array, np.ndarray]:
+) -> tuple[tuple[str, ...], Array, Array, NDArray[np.bool_]]:
     """Names, lower, upper and wraps of the joint vector's entries."""
     slide, turn, half = (unlimited_range, False), (math.pi, True), (math.pi / 2, False)
     names: list[str] = []

@@ -18,7 +18,7 @@ from pmpnbp.scene import meshes
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint, Mesh
 from pmpnbp.scene.model_files import ModelFiles, ModelLimits, open_model
 from pmpnbp.scene.parts import LinkSurface, assemble
-from pmpnbp.scene.urdf_check import check_urdf
+from pmpnbp.scene.urdf_check import MAX_MAGNITUDE, check_urdf
 
 DEFAULT_LIMITS = ModelLimits()
 
@@ -103,14 +103,19 @@ def _following(joint: Joint, named: dict[str, Joint], placed: dict[str, Joint]) 
     while followed.mimic is not None:
         multiplier, offset = multiplier * followed.multiplier, multiplier * followed.offset + offset
         followed = named[followed.mimic]
+        if max(abs(multiplier), 1 / abs(multiplier), abs(offset)) > MAX_MAGNITUDE:
+            raise ModelError(
+                f"joint '{joint.name}' follows '{followed.name}' by {multiplier:g} * position + {offset:g}, expected "
+                f"numbers between {1 / MAX_MAGNITUDE:g} and {MAX_MAGNITUDE:g} in size"
+            )
     ends = sorted((multiplier * followed.lower + offset, multiplier * followed.upper + offset))
     lower, upper = ends
     if joint.kind != "continuous":
         lower, upper = max(joint.lower, lower), min(joint.upper, upper)
     if lower > upper:
         raise ModelError(
-            f"joint '{joint.name}' mimics '{followed.name}', which takes it to {ends[0]:g} … {ends[1]:g}, wholly outside "
-            f"its own limits {joint.lower:g} … {joint.upper:g}"
+            f"joint '{joint.name}' mimics '{followed.name}', which takes it to {ends[0]:g} … {ends[1]:g}, wholly "
+            f"outside its own limits {joint.lower:g} … {joint.upper:g}"
         )
     return replace(
         joint,
@@ -146,9 +151,7 @@ def _surfaces(robot: yourdfpy.Robot, files: ModelFiles, limits: ModelLimits) -> 
     return surfaces
 
 
-def _mesh_file(
-    filename: str, link: str, files: ModelFiles, limits: ModelLimits, cache: dict[str, Mesh]
-) -> Mesh:
+def _mesh_file(filename: str, link: str, files: ModelFiles, limits: ModelLimits, cache: dict[str, Mesh]) -> Mesh:
     if filename not in cache:
         data = files.read_mesh(filename, link, limits)
         what = f"mesh '{filename}' of link '{link}'"

@@ -1,4 +1,4 @@
-"""Is this a URDF that describes one tree of links? Its kinematics and geometry, checked, or one sentence that says why not.
+"""Is this a URDF that describes one tree of links? What was checked of it, or one sentence that says why not.
 
 The reader behind this check (yourdfpy) accepts cycles, several roots, NaN origins and unknown joint types in silence.
 So everything that is used later is checked here first, and the reader is given only what was checked: links with their
@@ -24,6 +24,8 @@ MESH_EXTENSIONS = (".stl", ".obj", ".dae", ".glb", ".ply")
 MAX_DEPTH, MAX_ELEMENTS = 64, 200_000
 # Metres, radians or scale; keeps everything computed from a checked number finite.
 MAX_MAGNITUDE = 1e6
+# Sizes (metres) and scales: smaller ones have no surface left in double precision.
+MIN_SIZE = 1e-6
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
@@ -46,7 +48,8 @@ def check_urdf(data: bytes) -> CheckedUrdf:
     except (ElementTree.ParseError, LookupError, ValueError) as error:
         raise ModelError(f"the URDF is not well-formed XML: {error}") from None
     if root.tag != "robot":
-        raise ModelError(f"the file's root element is <{_local(root.tag)}>, expected <robot> (a URDF)")
+        where = " in a namespace" if "}" in root.tag else ""
+        raise ModelError(f"the file's root element is <{_local(root.tag)}>{where}, expected a plain <robot> (a URDF)")
     name = root.get("name", "").strip()
     tree = ElementTree.Element("robot", {"name": name})
     tree.extend([_link(element) for element in root.findall("link")])
@@ -73,7 +76,9 @@ def _scan(data: bytes) -> str:
         nonlocal depth, elements
         depth, elements = depth + 1, elements + 1
         if tag.startswith("xacro:"):
-            raise ModelError(f"the file is a xacro template (it has <{tag}>), expected a URDF: expand it with xacro first")
+            raise ModelError(
+                f"the file is a xacro template (it has <{tag}>), expected a URDF: expand it with xacro first"
+            )
         if depth > MAX_DEPTH:
             raise ModelError(f"the URDF nests elements more than {MAX_DEPTH} deep")
         if elements > MAX_ELEMENTS:
@@ -123,8 +128,10 @@ def _shape(geometry: ElementTree.Element, where: str) -> ElementTree.Element:
     for attribute, count in wanted.items():
         text = _attribute(shape, attribute, where)
         numbers = _numbers(text, count, f"{attribute} of the {shape.tag} in {where}")
-        if min(numbers) <= 0:
-            raise ModelError(f"{attribute} of the {shape.tag} in {where} is '{text}', expected positive numbers (metres)")
+        if min(numbers) < MIN_SIZE:
+            raise ModelError(
+                f"{attribute} of the {shape.tag} in {where} is '{text}', expected positive metres, {MIN_SIZE:g} or more"
+            )
         checked.set(attribute, _join(numbers))
     return checked
 
@@ -137,8 +144,10 @@ def _mesh(shape: ElementTree.Element, where: str) -> ElementTree.Element:
     if (text := shape.get("scale")) is not None:
         count = 1 if len(_split(text)) == 1 else 3
         numbers = _numbers(text, count, f"scale of mesh '{filename}' in {where}")
-        if 0 in numbers:
-            raise ModelError(f"scale of mesh '{filename}' in {where} is '{text}', expected numbers other than zero")
+        if min(abs(number) for number in numbers) < MIN_SIZE:
+            raise ModelError(
+                f"scale of mesh '{filename}' in {where} is '{text}', expected numbers of at least {MIN_SIZE:g} in size"
+            )
         checked.set("scale", _join(numbers * (3 // count)))
     return checked
 
@@ -155,7 +164,7 @@ def _joint(element: ElementTree.Element) -> ElementTree.Element:
         end = _only(element, role, where)
         if end is None:
             raise ModelError(f"{where} has no <{role}>")
-        ElementTree.SubElement(joint, role, {"link": _attribute(end, "link", f"<{role}> of {where}")})
+        ElementTree.SubElement(joint, role, {"link": _attribute(end, "link", where)})
     _copy_origin(element, joint, where)
     if kind == "fixed":  # axis, limits and mimic mean nothing there, and real robots' files carry all three
         return joint
@@ -204,12 +213,15 @@ def _copy_mimic(source: ElementTree.Element, target: ElementTree.Element, where:
         return
     if kind in ("planar", "floating"):
         raise ModelError(f"{where} is {kind} and has a <mimic>, which only joints with one axis can have")
-    checked = {"joint": _attribute(mimic, "joint", f"<mimic> of {where}")}
+    checked = {"joint": _attribute(mimic, "joint", where)}
     for attribute, default in (("multiplier", "1"), ("offset", "0")):
         number = _numbers(mimic.get(attribute, default), 1, f"mimic {attribute} of {where}")[0]
         checked[attribute] = repr(number)
-    if float(checked["multiplier"]) == 0:
-        raise ModelError(f"{where} mimics '{checked['joint']}' with multiplier 0, expected another number or a fixed joint")
+    if abs(float(checked["multiplier"])) < MIN_SIZE:
+        raise ModelError(
+            f"{where} mimics '{checked['joint']}' with multiplier {checked['multiplier']}, expected at least "
+            f"{MIN_SIZE:g} in size, or a fixed joint"
+        )
     ElementTree.SubElement(target, "mimic", checked)
 
 
@@ -242,7 +254,9 @@ def _check_tree(tree: ElementTree.Element) -> None:
         reached.update(below)
         waiting.extend(below)
     if len(reached) < len(links):
-        raise ModelError(f"joints lead in a circle through links {_some(link for link in links if link not in reached)}")
+        raise ModelError(
+            f"joints lead in a circle through links {_some(link for link in links if link not in reached)}"
+        )
 
 
 def _check_mimics(tree: ElementTree.Element) -> None:
@@ -258,6 +272,8 @@ def _check_mimics(tree: ElementTree.Element) -> None:
             raise ModelError(f"joint '{joint}' mimics '{followed}', which is {kinds[followed]} and has no position")
         seen = [joint]
         while seen[-1] in follows:
+            if follows[seen[-1]] == joint == seen[-1]:
+                raise ModelError(f"joint '{joint}' mimics itself")
             if follows[seen[-1]] in seen:
                 raise ModelError(f"joints {_some(seen)} mimic each other in a circle")
             seen.append(follows[seen[-1]])
@@ -279,7 +295,7 @@ def _name(element: ElementTree.Element, kind: str) -> str:
 def _attribute(element: ElementTree.Element, attribute: str, where: str) -> str:
     text = element.get(attribute)
     if not text:
-        raise ModelError(f"<{_local(element.tag)}> in {where} has no {attribute}")
+        raise ModelError(f"<{_local(element.tag)}> of {where} has no {attribute}")
     return text
 
 

@@ -77,28 +77,28 @@ def _prismatic_pair(nx, ny, nz, lower, upper, dx, dy, dz, m, kp, ko):  # type: i
 
 
 @njit(nogil=True, fastmath=True)
-def _prismatic_row(o, inner, log_w, start, stop, outer_is_parent, lower, upper, kp, ko, out):  # type: ignore[no-untyped-def]
+def _prismatic_row(o, inner, log_w, count, outer_is_parent, lower, upper, kp, ko, out):  # type: ignore[no-untyped-def]
     ox, oy, oz, onx, ony, onz, oqw, oqx, oqy, oqz = o[0], o[1], o[2], o[3], o[4], o[5], o[6], o[7], o[8], o[9]
     x, y, z, qw, qx, qy, qz = inner[0], inner[1], inner[2], inner[6], inner[7], inner[8], inner[9]
     if outer_is_parent:
-        for j in range(start, stop):
+        for j in range(count):
             m = _apart(oqw, oqx, oqy, oqz, qw[j], qx[j], qy[j], qz[j])
             cost = _prismatic_pair(onx, ony, onz, lower, upper, x[j] - ox, y[j] - oy, z[j] - oz, m, kp, ko)
-            out[j - start] = log_w[j] - cost
+            out[j] = log_w[j] - cost
     else:
         nx, ny, nz = inner[3], inner[4], inner[5]
-        for j in range(start, stop):
+        for j in range(count):
             m = _apart(oqw, oqx, oqy, oqz, qw[j], qx[j], qy[j], qz[j])
             cost = _prismatic_pair(nx[j], ny[j], nz[j], lower, upper, ox - x[j], oy - y[j], oz - z[j], m, kp, ko)
-            out[j - start] = log_w[j] - cost
+            out[j] = log_w[j] - cost
 
 
 @njit(nogil=True, fastmath=True)
-def _revolute_row(o, inner, log_w, start, stop, cos_end, sin_end, kp, ko, out):  # type: ignore[no-untyped-def]
+def _revolute_row(o, inner, log_w, count, cos_end, sin_end, kp, ko, out):  # type: ignore[no-untyped-def]
     ox, oy, oz, onx, ony, onz, oqw, oqx, oqy, oqz = o[0], o[1], o[2], o[3], o[4], o[5], o[6], o[7], o[8], o[9]
     x, y, z, nx, ny, nz = inner[0], inner[1], inner[2], inner[3], inner[4], inner[5]
     qw, qx, qy, qz = inner[6], inner[7], inner[8], inner[9]
-    for j in range(start, stop):
+    for j in range(count):
         dx, dy, dz = x[j] - ox, y[j] - oy, z[j] - oz
         ax, ay, az = nx[j] - onx, ny[j] - ony, nz[j] - onz
         w = oqw * qw[j] + oqx * qx[j] + oqy * qy[j] + oqz * qz[j]
@@ -107,7 +107,7 @@ def _revolute_row(o, inner, log_w, start, stop, cos_end, sin_end, kp, ko, out): 
         sine2 = min(_QUARTER * (ax * ax + ay * ay + az * az) + beyond * beyond, _ONE)
         c = np.sqrt(_ONE - sine2)
         angle2 = sine2 * (_C0 + c * (_C1 + c * (_C2 + c * (_C3 + c * (_C4 + c * _C5)))))
-        out[j - start] = log_w[j] - kp * (dx * dx + dy * dy + dz * dz) - ko * angle2
+        out[j] = log_w[j] - kp * (dx * dx + dy * dy + dz * dz) - ko * angle2
 
 
 @njit(nogil=True, fastmath=True)
@@ -123,28 +123,28 @@ def _limits_pair(ax, ay, az, bx, by, bz, ma, mb, cp, co, kp, ko):  # type: ignor
 
 
 @njit(nogil=True, fastmath=True)
-def _limits_row(o, inner, log_w, start, stop, outer_is_parent, cp, co, kp, ko, out):  # type: ignore[no-untyped-def]
+def _limits_row(o, inner, log_w, count, outer_is_parent, cp, co, kp, ko, out):  # type: ignore[no-untyped-def]
     x, y, z, qw, qx, qy, qz = inner[0], inner[1], inner[2], inner[6], inner[7], inner[8], inner[9]
     if outer_is_parent:
         ax, ay, az, aw, ai, aj, ak = o[0], o[1], o[2], o[6], o[7], o[8], o[9]
         bx, by, bz, bw, bi, bj, bk = o[3], o[4], o[5], o[10], o[11], o[12], o[13]
-        for j in range(start, stop):
+        for j in range(count):
             ma = _apart(aw, ai, aj, ak, qw[j], qx[j], qy[j], qz[j])
             mb = _apart(bw, bi, bj, bk, qw[j], qx[j], qy[j], qz[j])
             u, v, w = x[j], y[j], z[j]
             cost = _limits_pair(u - ax, v - ay, w - az, u - bx, v - by, w - bz, ma, mb, cp, co, kp, ko)
-            out[j - start] = log_w[j] - cost
+            out[j] = log_w[j] - cost
     else:
         u, v, w, cw, ci, cj, ck = o[0], o[1], o[2], o[6], o[7], o[8], o[9]
         x1, y1, z1 = inner[3], inner[4], inner[5]
         rw, rx, ry, rz = inner[10], inner[11], inner[12], inner[13]
-        for j in range(start, stop):
+        for j in range(count):
             ma = _apart(cw, ci, cj, ck, qw[j], qx[j], qy[j], qz[j])
             mb = _apart(cw, ci, cj, ck, rw[j], rx[j], ry[j], rz[j])
             cost = _limits_pair(
                 u - x[j], v - y[j], w - z[j], u - x1[j], v - y1[j], w - z1[j], ma, mb, cp, co, kp, ko
             )
-            out[j - start] = log_w[j] - cost
+            out[j] = log_w[j] - cost
 
 
 @njit(nogil=True, fastmath=True)
@@ -221,18 +221,19 @@ def _block(  # type: ignore[no-untyped-def]
     for i in range(first, last):
         for k in range(14):
             o[k] = fields_s[q, k, i]
-        begin, end = start[q, i], stop[q, i]
+        begin, count = start[q, i], stop[q, i] - start[q, i]
+        inner, log_w = fields_t[q, :, begin:], log2_w[q, begin:]
         if kind[q] == PRISMATIC:
-            _prismatic_row(o, fields_t[q], log2_w[q], begin, end, is_parent[q], s0, s1, kp, ko, values)
+            _prismatic_row(o, inner, log_w, count, is_parent[q], s0, s1, kp, ko, values)
         elif kind[q] == REVOLUTE:
-            _revolute_row(o, fields_t[q], log2_w[q], begin, end, s0, s1, kp, ko, values)
+            _revolute_row(o, inner, log_w, count, s0, s1, kp, ko, values)
         else:
-            _limits_row(o, fields_t[q], log2_w[q], begin, end, is_parent[q], s0, s1, kp, ko, values)
-        top = _largest(values, end - begin)
+            _limits_row(o, inner, log_w, count, is_parent[q], s0, s1, kp, ko, values)
+        top = _largest(values, count)
         if top < np.float32(-1e29):
             result[q, i] = -np.inf
         else:
-            total = _sum_of_powers(values, end - begin, top)
+            total = _sum_of_powers(values, count, top)
             result[q, i] = (np.float64(top) + np.log2(np.float64(total))) / _LOG2E
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numba import njit
 
 
@@ -48,4 +49,23 @@ def pose_in_camera(pose_camera_world: Any, pose_world_part: Any) -> Any:
         c[0] * x + c[1] * y + c[2] * z + px,
         c[3] * x + c[4] * y + c[5] * z + py,
         c[6] * x + c[7] * y + c[8] * z + pz,
+    )
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def single(m: Any) -> Any:
+    """What `pose_in_camera` returns, in single precision."""
+    return (
+        np.float32(m[0]),
+        np.float32(m[1]),
+        np.float32(m[2]),
+        np.float32(m[3]),
+        np.float32(m[4]),
+        np.float32(m[5]),
+        np.float32(m[6]),
+        np.float32(m[7]),
+        np.float32(m[8]),
+        np.float32(m[9]),
+        np.float32(m[10]),
+        np.float32(m[11]),
     )

@@ -18,7 +18,7 @@ from numba import get_num_threads, njit, prange
 from numpy.typing import NDArray
 
 from pmpnbp.potentials.kernels.pixel_scores import distance_pixel, robust_pixel
-from pmpnbp.potentials.kernels.projection import pose_in_camera
+from pmpnbp.potentials.kernels.projection import pose_in_camera, single
 
 # The near plane, metres.
 NEAR = 0.01
@@ -26,7 +26,26 @@ NEAR = 0.01
 # Buffer rows are drawn in blocks of this many pixels, one vector register, and padded to a multiple of it.
 LANES = 8
 
-_ZERO, _ONE = np.float32(0), np.float32(1)
+_ZERO, _ONE, _FAR = np.float32(0), np.float32(1), np.float32(3e38)
+_NEAR = np.float32(NEAR)
+# Added to a column, it takes a bound out of the image on the side where it does not bound.
+_BEYOND = 1e12
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _edge(u0: float, v0: float, u1: float, v1: float, right_way: bool) -> Any:
+    """The line u = v * slope + shift through an edge, and what to add to u so that it bounds a span's begin or end.
+
+    Every term only changes its sign where the vertices are swapped, so both neighbours of an edge get the same line
+    to the bit. A horizontal edge bounds no span: the triangle's rows end there.
+    """
+    rise = v1 - v0
+    flat = rise == 0.0
+    inverse = 1.0 / (1.0 if flat else rise)
+    end = (rise > 0.0) == right_way
+    slope = 0.0 if flat else (u1 - u0) * inverse
+    shift = 0.0 if flat else (u0 * v1 - u1 * v0) * inverse
+    return slope, shift, (-_BEYOND if flat or end else 0.0), (_BEYOND if flat or not end else 0.0)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -64,41 +83,33 @@ def scan_triangle(
     along_u = ((w1 - w0) * (v2 - v0) - (w2 - w0) * (v1 - v0)) / determinant
     along_v = ((u1 - u0) * (w2 - w0) - (u2 - u0) * (w1 - w0)) / determinant
     at_origin = w0 - along_u * u0 - along_v * v0
-    # by rows from the top; equal rows by column, so that an edge is the same edge in both its triangles
-    if v1 < v0 or (v1 == v0 and u1 < u0):
-        u0, v0, u1, v1 = u1, v1, u0, v0
-    if v2 < v1 or (v2 == v1 and u2 < u1):
-        u1, v1, u2, v2 = u2, v2, u1, v1
-        if v1 < v0 or (v1 == v0 and u1 < u0):
-            u0, v0, u1, v1 = u1, v1, u0, v0
-    long_slope = (u2 - u0) / (v2 - v0)
-    upper_slope = (u1 - u0) / (v1 - v0)
-    lower_slope = (u2 - u1) / (v2 - v1)
+    right_way = determinant > 0.0
+    slope_a, shift_a, low_a, high_a = _edge(u0, v0, u1, v1, right_way)
+    slope_b, shift_b, low_b, high_b = _edge(u1, v1, u2, v2, right_way)
+    slope_c, shift_c, low_c, high_c = _edge(u2, v2, u0, v0, right_way)
     step = np.float32(along_u)
     for row in range(int(top), int(bottom) + 1):
         y = float(row)
-        a = u0 + (y - v0) * long_slope
-        # a horizontal edge has no slope; its row is bounded by the other short edge
-        upper = y < v1 or v1 == v2
-        b = u0 + (y - v0) * upper_slope if upper else u1 + (y - v1) * lower_slope
-        first = max(np.ceil(min(a, b)), leftmost)
-        last = min(np.floor(max(a, b)), rightmost)
-        if first > last:
-            continue
-        begin, end = int(first), int(last)
-        block = begin - begin % LANES
-        base = row * stride
-        value = np.float32(at_origin + along_v * y + along_u * block)
-        while block <= end:
-            for k in range(LANES):
-                place = np.uint64(base + block + k)
-                w = value + step * np.float32(k)
-                front = (block + k >= begin) & (block + k <= end) & (w > buffer[place])
-                if owner is not None:
-                    owner[place] = number if front else owner[place]
-                buffer[place] = w if front else buffer[place]
-            block += LANES
-            value += step * np.float32(LANES)
+        a, b, c = y * slope_a + shift_a, y * slope_b + shift_b, y * slope_c + shift_c
+        first = np.ceil(max(max(a + low_a, b + low_b), max(c + low_c, leftmost)))
+        last = np.floor(min(min(a + high_a, b + high_b), min(c + high_c, rightmost)))
+        if first <= last:
+            value = np.float32(at_origin + along_v * y + along_u * first)
+            _fill_span(buffer, owner, number, row * stride + int(first), int(last) - int(first) + 1, value, step)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _fill_span(buffer: Any, owner: Any, number: int, begin: int, length: int, value: Any, step: Any) -> None:
+    """Draw `length` pixels of a row. Whole vectors are written, the lanes beyond the end with what they held: a loop
+    of exactly `length` turns would spend a short span in its scalar remainder."""
+    start, inside = np.uint64(begin), np.int32(length)
+    for k in range(np.int32((length + LANES - 1) & -LANES)):
+        place = start + np.uint64(k)
+        w, held = value + step * np.float32(k), buffer[place]
+        front = (w > held) & (k < inside)
+        if owner is not None:
+            owner[place] = number if front else owner[place]
+        buffer[place] = w if front else held
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -135,19 +146,18 @@ def _scan_clipped(
         )  # fmt: skip
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz", "reassoc", "contract"})
 def project(vertices: Any, begin: int, end: int, m: Any, lens: Any, us: Any, vs: Any, ws: Any) -> Any:
     """Project vertices[:, begin:end] into us, vs (pixels) and ws (1/z); return the smallest and largest u, v and the
     smallest z. Before the near plane the projections mean nothing."""
-    m00, m01, m02, m10, m11, m12, m20, m21, m22, tx, ty, tz = m
-    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
-    least_u, least_v, least_z = np.inf, np.inf, np.inf
-    most_u, most_v = -np.inf, -np.inf
+    m00, m01, m02, m10, m11, m12, m20, m21, m22, tx, ty, tz = single(m)
+    fx, fy, cx, cy = np.float32(lens[0]), np.float32(lens[1]), np.float32(lens[2]), np.float32(lens[3])
+    least_u, least_v, least_z, most_u, most_v = _FAR, _FAR, _FAR, -_FAR, -_FAR
     xs, ys, zs = vertices[0, begin:end], vertices[1, begin:end], vertices[2, begin:end]
     for k in range(end - begin):
-        x, y, z = float(xs[k]), float(ys[k]), float(zs[k])
+        x, y, z = xs[k], ys[k], zs[k]
         depth = m20 * x + m21 * y + m22 * z + tz
-        w = 1.0 / depth
+        w = _ONE / max(depth, _NEAR)
         u = (m00 * x + m01 * y + m02 * z + tx) * w * fx + cx
         v = (m10 * x + m11 * y + m12 * z + ty) * w * fy + cy
         us[k], vs[k], ws[k] = u, v, w
@@ -162,7 +172,7 @@ def pixel_box(bounds: Any, width: int, height: int) -> Any:
     """First and last column and row whose centres lie in the bounds of `project`; all of the image where something
     lies before the near plane. Empty boxes have their last before their first."""
     least_u, most_u, least_v, most_v, least_z = bounds
-    if least_z < NEAR:
+    if least_z < _NEAR:
         return 0, width - 1, 0, height - 1
     left = int(np.ceil(min(max(least_u, 0.0), float(width))))
     right = int(np.floor(max(min(most_u, width - 1.0), -1.0)))
@@ -171,23 +181,56 @@ def pixel_box(bounds: Any, width: int, height: int) -> Any:
     return left, right, top, bottom
 
 
+@njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz"})
+def _choose_faces(
+    faces: Any, one_sided: Any, begin: int, end: int, box: Any, us: Any, vs: Any, chosen: Any
+) -> int:
+    """List in `chosen` the faces begin:end that may cover a pixel of the box, and return how many. Most of a fine
+    mesh's faces fall between pixel centres or turn away; all are asked at once, in vectors, before any is drawn."""
+    left, right, top, bottom = np.float32(box[0]), np.float32(box[1]), np.float32(box[2]), np.float32(box[3])
+    count = 0
+    for block in range(begin, end, 32):
+        length = min(32, end - block)
+        first, second, third = faces[0, block:], faces[1, block:], faces[2, block:]
+        closed = one_sided[block:]
+        # one bit for each of 32 faces: a sum of bits becomes vectors, while a store might alias what is read
+        bits = np.int32(0)
+        for f in range(np.int32(length)):
+            i, j, k = np.uint32(first[f]), np.uint32(second[f]), np.uint32(third[f])
+            u0, u1, u2, v0, v1, v2 = us[i], us[j], us[k], vs[i], vs[j], vs[k]
+            # the image's v points down: an outward face turns clockwise in it, and has a negative area here, seen
+            # from its front
+            behind = (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0) > _ZERO
+            no_column = np.ceil(max(min(u0, min(u1, u2)), left)) > np.floor(min(max(u0, max(u1, u2)), right))
+            no_row = np.ceil(max(min(v0, min(v1, v2)), top)) > np.floor(min(max(v0, max(v1, v2)), bottom))
+            out = np.int32(no_column) | np.int32(no_row) | (np.int32(behind) & closed[f])
+            bits |= np.int32((np.int32(1) - out) << np.int32(f))
+        for f in range(length):
+            chosen[count] = block + f
+            count += (bits >> f) & 1
+    return count
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def draw_part(
     buffer: Any, owner: Any, number: int, stride: int, box: Any, lens: Any, m: Any, vertices: Any, faces: Any,
-    one_sided: Any, vertex_begin: int, face_begin: int, face_end: int, least_z: float, us: Any, vs: Any, ws: Any,
+    one_sided: Any, vertex_begin: int, face_begin: int, face_end: int, near: bool, us: Any, vs: Any, ws: Any,
+    chosen: Any,
 ) -> None:  # fmt: skip
-    """Draw a part's projected triangles into a buffer whose first pixel is the first of `box`."""
+    """Draw a part's projected triangles into a buffer whose first pixel is the first of `box`; `near` where some of
+    it may lie before the near plane."""
     left, right, top, bottom = box
     width, height = right - left + 1, bottom - top + 1
     du, dv = float(left), float(top)
-    if least_z >= NEAR:
-        for f in range(face_begin, face_end):
+    if not near:
+        count = _choose_faces(faces, one_sided, face_begin, face_end, box, us, vs, chosen)
+        for n in range(count):
+            f = np.uint32(chosen[n])
             i, j, k = np.uint32(faces[0, f]), np.uint32(faces[1, f]), np.uint32(faces[2, f])
-            u0, v0, u1, v1, u2, v2 = us[i] - du, vs[i] - dv, us[j] - du, vs[j] - dv, us[k] - du, vs[k] - dv
-            # the image's v points down: an outward face turns clockwise, which is positive here, seen from behind
-            if one_sided[f] and (u1 - u0) * (v2 - v0) - (u2 - u0) * (v1 - v0) > 0.0:
-                continue
-            scan_triangle(buffer, owner, number, stride, width, height, u0, v0, ws[i], u1, v1, ws[j], u2, v2, ws[k])
+            scan_triangle(
+                buffer, owner, number, stride, width, height, us[i] - du, vs[i] - dv, float(ws[i]),
+                us[j] - du, vs[j] - dv, float(ws[j]), us[k] - du, vs[k] - dv, float(ws[k]),
+            )  # fmt: skip
         return
     m00, m01, m02, m10, m11, m12, m20, m21, m22, tx, ty, tz = m
     corners, clipped = np.empty((3, 3)), np.empty((4, 3))
@@ -248,8 +291,9 @@ def _add_part_scores(
     most = 1
     for node in range(len(vertex_offsets) - 1):
         most = max(most, vertex_offsets[node + 1] - vertex_offsets[node])
-    us, vs, ws = np.empty(most), np.empty(most), np.empty(most)
-    buffer = np.empty(height * (width + LANES), dtype=np.float32)
+    us, vs, ws = np.empty(most, dtype=np.float32), np.empty(most, dtype=np.float32), np.empty(most, dtype=np.float32)
+    chosen = np.empty(faces.shape[1] + 1, dtype=np.int32)
+    buffer = np.empty(height * (width + LANES) + LANES, dtype=np.float32)
     terms32 = (terms[0], terms[1], terms[2], terms[3])
     for i in range(start, stop, step):
         node = part[i]
@@ -266,7 +310,7 @@ def _add_part_scores(
         buffer[: (bottom - top + 1) * stride] = _ZERO
         draw_part(
             buffer, None, 0, stride, box, lens, m, vertices, faces, one_sided, begin,
-            face_offsets[node], face_offsets[node + 1], bounds[4], us, vs, ws,
+            face_offsets[node], face_offsets[node + 1], bounds[4] < _NEAR, us, vs, ws, chosen,
         )  # fmt: skip
         if robust:
             out[i] += _sum_robust(buffer, stride, box, packed, terms32)
@@ -286,11 +330,26 @@ def _add_part_scores_parallel(packed, lens, pose_camera_world, mesh, part, poses
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def _object_room(mesh: Any, width: int, height: int) -> Any:
+    """Scratch memory of `_draw_object`."""
+    vertices, faces, parts = mesh[0].shape[1], mesh[1].shape[1], len(mesh[3]) - 1
+    return (
+        np.empty(vertices, dtype=np.float32),
+        np.empty(vertices, dtype=np.float32),
+        np.empty(vertices, dtype=np.float32),
+        np.empty((parts, 5), dtype=np.int64),
+        np.empty(faces + 1, dtype=np.int32),
+        np.empty(height * (width + LANES) + LANES, dtype=np.float32),
+        np.empty(height * (width + LANES) + LANES, dtype=np.int16),
+    )
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def _draw_object(
-    poses: Any, only: int, lens: Any, pose_camera_world: Any, mesh: Any, width: int, height: int, us: Any, vs: Any,
-    ws: Any, boxes: Any, buffer: Any, owner: Any,
-) -> Any:  # fmt: skip
+    poses: Any, only: int, lens: Any, pose_camera_world: Any, mesh: Any, width: int, height: int, room: Any
+) -> Any:
     """Draw all parts (or part `only`) into one buffer; return the box it covers and the buffer's stride."""
+    us, vs, ws, boxes, chosen, buffer, owner = room
     vertices, faces, one_sided, vertex_offsets, face_offsets, centres, radii = mesh
     left, right, top, bottom = width, -1, height, -1
     parts = len(vertex_offsets) - 1
@@ -304,7 +363,7 @@ def _draw_object(
         bounds = project(vertices, begin, end, m, lens, us[begin:], vs[begin:], ws[begin:])
         box = pixel_box(bounds, width, height)
         boxes[node, 0], boxes[node, 1], boxes[node, 2], boxes[node, 3] = box
-        boxes[node, 4] = 1 if bounds[4] < NEAR else 0
+        boxes[node, 4] = 1 if bounds[4] < _NEAR else 0
         if box[0] <= box[1] and box[2] <= box[3]:
             left, right = min(left, box[0]), max(right, box[1])
             top, bottom = min(top, box[2]), max(bottom, box[3])
@@ -318,10 +377,10 @@ def _draw_object(
             continue
         begin = vertex_offsets[node]
         m = pose_in_camera(pose_camera_world, poses[node])
-        least_z = 0.0 if boxes[node, 4] else NEAR
         draw_part(
             buffer, owner, node, stride, whole, lens, m, vertices, faces, one_sided, begin,
-            face_offsets[node], face_offsets[node + 1], least_z, us[begin:], vs[begin:], ws[begin:],
+            face_offsets[node], face_offsets[node + 1], boxes[node, 4] == 1, us[begin:], vs[begin:], ws[begin:],
+            chosen,
         )  # fmt: skip
     return whole, stride
 
@@ -332,15 +391,12 @@ def _add_object_scores(
     terms: Any, robust: bool, out: Any,
 ) -> None:  # fmt: skip
     height, width = packed.shape[0] - 2, packed.shape[1] - 2
-    parts, vertices = len(mesh[3]) - 1, mesh[0].shape[1]
-    us, vs, ws = np.empty(vertices), np.empty(vertices), np.empty(vertices)
-    boxes = np.empty((parts, 5), dtype=np.int64)
-    buffer = np.empty(height * (width + LANES), dtype=np.float32)
-    owner = np.empty(height * (width + LANES), dtype=np.int16)
+    room = _object_room(mesh, width, height)
+    buffer, owner = room[5], room[6]
     tolerance, free_space_cost, occlusion_cost, support_reward = terms[0], terms[1], terms[2], terms[3]
     for i in range(start, stop, step):
         box, stride = _draw_object(
-            poses[i], -1, lens, pose_camera_world, mesh, width, height, us, vs, ws, boxes, buffer, owner
+            poses[i], -1, lens, pose_camera_world, mesh, width, height, room
         )
         left, right, top, bottom = box
         for row in range(top, bottom + 1):
@@ -368,13 +424,10 @@ def _add_object_scores_parallel(packed, lens, pose_camera_world, mesh, poses, te
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _draw(poses, only, lens, pose_camera_world, mesh, width, height):  # type: ignore[no-untyped-def]
-    parts, vertices = len(mesh[3]) - 1, mesh[0].shape[1]
-    us, vs, ws = np.empty(vertices), np.empty(vertices), np.empty(vertices)
-    boxes = np.empty((parts, 5), dtype=np.int64)
-    buffer = np.empty(height * (width + LANES), dtype=np.float32)
-    owner = np.empty(height * (width + LANES), dtype=np.int16)
+    room = _object_room(mesh, width, height)
+    buffer, owner = room[5], room[6]
     box, stride = _draw_object(
-        poses, only, lens, pose_camera_world, mesh, width, height, us, vs, ws, boxes, buffer, owner
+        poses, only, lens, pose_camera_world, mesh, width, height, room
     )
     depth = np.zeros((height, width), dtype=np.float32)
     number = np.full((height, width), -1, dtype=np.int16)

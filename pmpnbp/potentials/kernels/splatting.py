@@ -14,7 +14,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from pmpnbp.potentials.kernels.pixel_scores import distance_pixel, robust_pixel
-from pmpnbp.potentials.kernels.projection import pose_in_camera
+from pmpnbp.potentials.kernels.projection import pose_in_camera, single
 
 # Points nearer than this to the camera's plane are not seen; sensors of this kind measure nothing there.
 NEAREST = np.float32(0.05)
@@ -117,20 +117,7 @@ def _add_scores(
         cell = direction_cell(
             m[0] * x + m[3] * y + m[6] * z, m[1] * x + m[4] * y + m[7] * z, m[2] * x + m[5] * y + m[8] * z, size
         )
-        m32 = (
-            np.float32(m[0]),
-            np.float32(m[1]),
-            np.float32(m[2]),
-            np.float32(m[3]),
-            np.float32(m[4]),
-            np.float32(m[5]),
-            np.float32(m[6]),
-            np.float32(m[7]),
-            np.float32(m[8]),
-            np.float32(m[9]),
-            np.float32(m[10]),
-            np.float32(m[11]),
-        )
+        m32 = single(m)
         xs, ys, zs = points[node, cell, 0], points[node, cell, 1], points[node, cell, 2]
         if robust:
             total = _sum_robust(xs, ys, zs, m32, lens32, image, columns, rows, terms32, used)

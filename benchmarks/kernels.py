@@ -151,11 +151,12 @@ def _box() -> Mesh:
 
 
 def _rounded(rings: int, segments: int) -> Mesh:
-    """A superellipsoid, a box with rounded edges, as a closed grid that is open at the poles' points only."""
+    """A superellipsoid, a box with rounded edges, as a closed grid of latitudes and longitudes."""
     latitude = (np.arange(rings + 1) / rings - 0.5) * np.pi
     longitude = np.arange(segments) / segments * 2.0 * np.pi
     flat, turn = np.meshgrid(latitude, longitude, indexing="ij")
-    unit = np.stack([np.cos(flat) * np.cos(turn), np.cos(flat) * np.sin(turn), np.sin(flat)], axis=-1).reshape(-1, 3)
+    across = np.where(np.arange(rings + 1) % rings == 0, 0.0, np.cos(latitude))[:, None]
+    unit = np.stack([across * np.cos(turn), across * np.sin(turn), np.sin(flat)], axis=-1).reshape(-1, 3)
     vertices = np.sign(unit) * np.abs(unit) ** 0.5 * np.array(EXTENTS) / 2.0
     faces = []
     for ring in range(rings):

@@ -36,7 +36,7 @@ _SECOND_VIEW = (38.0, 1.6, 0.9)
 # Joint positions in the order of the robot's joints, base and camera as above.
 _ROBOT = {
     "scan_0": (
-        (0.10, -0.4, 0.3, 0.9, 0.4, 0.5, 1.3, 0.4, 0.9, 0.6, 0.06),
+        (0.10, -0.4, 0.3, -0.7, 0.4, 0.5, 1.3, 0.4, 0.9, 0.6, 0.06),
         (0.20, -0.30, 35.0),
         (28.0, 2.05, 1.35),
     ),
@@ -46,11 +46,11 @@ _ROBOT = {
         (-30.0, 2.1, 1.50),
     ),
 }
-_DOOR = ((1.05,), (0.15, 0.35, 31.0), (-20.0, 1.55, 1.25))
+_DOOR = ((1.05,), (0.15, 0.35, 31.0), (16.0, 1.55, 1.25))
 
 
 def _blanket_profile(out: float) -> Array:
-    """(K, 2), x and z in the cabinet's frame: over the top drawer's front, whose outer face is at x = `out`, and down."""
+    """(K, 2), x and z in the cabinet's frame: over the top drawer's front, its outer face at x = `out`, and down."""
     return np.array(
         [
             [out - 0.10, 0.62],

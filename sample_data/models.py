@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 from sample_data.urdf_text import box, cylinder, joint, link, robot
 
@@ -81,7 +82,7 @@ def cabinet(
     for share in shares:
         edges.append(edges[-1] - free * share / sum(shares))
     elements = [link("frame", carcass(width, depth, height, edges[1:-1]))]
-    for number, (top, bottom) in enumerate(zip(edges, edges[1:], strict=False), start=1):
+    for number, (top, bottom) in enumerate(pairwise(edges), start=1):
         name = f"drawer{number}"
         elements.append(link(name, drawer(width, depth - BOARD, top - bottom)))
         elements.append(

@@ -1,4 +1,4 @@
-"""What does the camera see of an object whose pose is known? URDF to triangles, ray casting, and the truth beside it."""
+"""What does the camera see of an object whose pose is known? URDF to triangles, ray casting, and the truth."""
 
 from __future__ import annotations
 
@@ -23,9 +23,15 @@ BACKGROUND = -1
 
 @dataclass(frozen=True)
 class Truth:
-    """joints : position of every moving joint, metres or radians; links : 4x4 T_world_link of every link;
-    visible_fraction : of the pixels a link would cover if it stood alone, those where it is measured (links without
-    geometry are not listed); pixels_alone : how many that would be, to weigh links by that are one part; bounds : (6,) x0 y0 z0 x1 y1 z1 of the object's box in world, metres."""
+    """Where everything is, and how much of it the sensor measured.
+
+    joints : position of every moving joint, metres or radians
+    links : 4x4 T_world_link of every link
+    visible_fraction : of the pixels that a link would cover if it stood alone, the share where it is measured; links
+        without geometry are not listed
+    pixels_alone : how many pixels that would be, to weigh the links of one part by
+    bounds : (6,) x0 y0 z0 x1 y1 z1, the object's box in world, metres
+    """
 
     joints: dict[str, float]
     links: dict[str, Array]
@@ -111,6 +117,22 @@ def cast(meshes: Sequence[trimesh.Trimesh], camera: Camera) -> RayCast:
     return RayCast(np.where(found, distance, 0.0), index, cosine)
 
 
+def _covered_pixels(mesh: trimesh.Trimesh, camera: Camera) -> int:
+    """How many pixels `mesh` (in world) covers if nothing else is there."""
+    vertices = poses.transform_points(poses.inverse(camera.pose_world_camera), mesh.vertices)
+    if np.any(vertices[:, 2] <= 0):
+        return int(np.sum(cast([mesh], camera).index == 0))
+    # Rays through the mesh's own box of pixels only: most links are small in the image.
+    pixels = camera.project(vertices)[:, :2]
+    size = np.array([camera.width, camera.height])
+    first = np.clip(np.floor(pixels.min(axis=0)).astype(int) - 1, 0, size)
+    width, height = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + 2, 0, size) - first
+    if min(width, height) <= 0:
+        return 0
+    crop = camera.binned(int(first[0]), int(first[1]), 1, int(width), int(height))
+    return int(np.sum(cast([mesh], crop).index == 0))
+
+
 def posed(
     urdf: str, joint_positions: dict[str, float], pose_world_base: Array, folder: Path | None = None
 ) -> dict[str, trimesh.Trimesh]:
@@ -146,7 +168,7 @@ def render_scan(
     depth = sensor.measured(seen.depth, seen.cosine, rng)
     visible, alone = {}, {}
     for index, (name, surface) in enumerate(surfaces.items()):
-        alone[name] = int(np.sum(cast([surface], camera).index == 0))
+        alone[name] = _covered_pixels(surface, camera)
         visible[name] = float(np.sum((seen.index == index) & (depth > 0)) / max(alone[name], 1))
     joints = {name: float(joint_positions.get(name, 0.0)) for name in model.actuated_joint_names}
     matrices = link_matrices(model, joint_positions, pose_world_base)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,9 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+
+# A table top's x0 y0 x1 y1, metres, in the frame of what stands on it.
+_TABLE = np.array([-0.325, -0.85, 0.425, 0.85])
 
 
 @dataclass(frozen=True)
@@ -88,7 +92,8 @@ def _in_room(
 
     Cameras are drawn until the whole object is in view, farther and farther away.
     """
-    pose = surroundings.standing_at(*rng.uniform(-0.8, 0.8, 2), rng.uniform(-np.pi, np.pi))
+    x, y = rng.uniform(-0.8, 0.8, 2)
+    pose = surroundings.standing_at(x, y, rng.uniform(-np.pi, np.pi))
     pose[2] = table
     surfaces = posed(urdf, joint_positions, pose)
     for attempt in range(200):
@@ -104,8 +109,9 @@ def _in_room(
     around.append(surroundings.wall(surfaces, yaw, rng.uniform(0.05, 0.30)))
     if table > 0:
         top = poses.multiply(pose, poses.from_xyz_rpy([0.05, 0.0, -0.02], [0.0, 0.0, 0.0]))
-        around.append(surroundings.block(np.array([0.75, 1.4, 0.04]), top))
-    around += surroundings.clutter(surfaces, pose, int(rng.integers(2, 4)), rng)
+        around.append(surroundings.block(np.array([2 * _TABLE[2] - 0.1, 2 * _TABLE[3], 0.04]), top))
+    ground = _TABLE if table > 0 else None
+    around += surroundings.clutter(surfaces, pose, int(rng.integers(2, 4)), rng, ground)
     return Scene(urdf, joint_positions, pose, camera, tuple(around))
 
 
@@ -116,7 +122,7 @@ def random_cabinet(seed: int) -> tuple[str, SceneBuilder]:
     width, depth = rng.uniform(0.36, 0.60), rng.uniform(0.34, 0.46)
     height = rng.uniform(0.20, 0.25) * count + 0.05
     handle = rng.uniform(0.08, 0.18) if rng.random() < 0.7 else None
-    urdf = models.cabinet(width, depth, height, rng.uniform(1.0, 1.6, count), handle)
+    urdf = models.cabinet(width, depth, height, rng.uniform(1.0, 1.6, count).tolist(), handle)
     travel = models.travel(depth)
 
     def build(rng: np.random.Generator) -> Scene:
@@ -158,7 +164,7 @@ def _clear(ends: Sequence[Array]) -> bool:
     if np.any(points[2:, 2] < 0.10):
         return False
     share = np.linspace(0.0, 1.0, 8)[:, None]
-    segments = [a + share * (b - a) for a, b in zip(points[:-1], points[1:], strict=True)]
+    segments = [a + share * (b - a) for a, b in pairwise(points)]
     for first in range(len(segments)):
         for second in range(first + 2, len(segments)):
             gap = np.linalg.norm(segments[first][:, None] - segments[second][None], axis=-1).min()
@@ -172,7 +178,7 @@ def random_chain(seed: int) -> tuple[str, SceneBuilder]:
     rng = np.random.default_rng([12, seed])
     count = int(rng.integers(3, 5))
     lengths = rng.uniform(0.20, 0.35, count)
-    urdf = models.chain(lengths, rng.uniform(0.045, 0.08, count), bool(rng.random() < 0.5))
+    urdf = models.chain(lengths.tolist(), rng.uniform(0.045, 0.08, count).tolist(), bool(rng.random() < 0.5))
     names = [f"hinge{number}" for number in range(1, count + 1)]
     model = load(urdf)
 

@@ -1,4 +1,4 @@
-"""What else is in the picture? Floor, wall, things on the floor, an arm and a cloth in front, all as meshes in world."""
+"""What else is in the picture? Floor, wall, things on the floor, an arm or a cloth in front: meshes in world."""
 
 from __future__ import annotations
 
@@ -66,9 +66,17 @@ def wall(meshes: dict[str, trimesh.Trimesh], yaw: float, gap: float) -> trimesh.
 
 
 def clutter(
-    meshes: dict[str, trimesh.Trimesh], pose_world_base: Array, count: int, rng: np.random.Generator
+    meshes: dict[str, trimesh.Trimesh],
+    pose_world_base: Array,
+    count: int,
+    rng: np.random.Generator,
+    ground: Array | None = None,
 ) -> list[trimesh.Trimesh]:
-    """`count` boxes and a ball on the floor to the left and right of the object, clear of its box in its own frame."""
+    """`count` boxes and a ball to the left and right of the object, clear of its box in its own frame.
+
+    They stand on the plane that the object stands on. ground : (4,) x0 y0 x1 y1 in the object's frame, the extent of
+    that plane, which they keep within; or None for a floor without end.
+    """
     pose_base_world = poses.inverse(pose_world_base)
     own = np.concatenate([poses.transform_points(pose_base_world, mesh.vertices) for mesh in meshes.values()])
     lower, upper = own.min(axis=0), own.max(axis=0)
@@ -80,6 +88,8 @@ def clutter(
         beside = upper[1] if side > 0 else -lower[1]
         y = side * (beside + reach + rng.uniform(0.03, 0.25))
         x = rng.uniform(lower[0] + reach, upper[0] + 0.2)
+        if ground is not None:
+            x, y = np.clip([x, y], ground[:2] + reach, ground[2:] - reach)
         on_floor = poses.multiply(pose_world_base, poses.from_xyz_rpy([x, y, 0.0], [0.0, 0.0, rng.uniform(0, np.pi)]))
         if number < count:
             up = poses.from_xyz_rpy([0.0, 0.0, size[2] / 2], [0.0, 0.0, 0.0])

@@ -20,7 +20,7 @@ def _visual(geometry: str, xyz: Numbers, rpy: Numbers) -> str:
 
 
 def box(size: Numbers, xyz: Numbers, rpy: Numbers = (0, 0, 0)) -> str:
-    """A `<visual>`: a box of `size` (3,), metres, its centre at `xyz`, turned by `rpy`, radians, in the link's frame."""
+    """A `<visual>`: a box of `size` (3,), metres, its centre at `xyz`, turned by `rpy`, radians."""
     return _visual(f'<box size="{_text(size)}"/>', xyz, rpy)
 
 

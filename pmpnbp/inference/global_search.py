@@ -31,6 +31,7 @@ from pmpnbp.settings import Schedule, schedule
 SEARCH_POINTS = 64
 # Hypotheses that are polished and compared at the end, over how many rounds, and at how many times the end tolerance.
 FINALISTS = 5
+RIVALS = 3
 POLISH_ROUNDS = 3
 FLIP_PLACES = 50
 FINAL_TOLERANCE = 2.0
@@ -113,23 +114,26 @@ def _settled(
         origins = np.full(len(near), FLIP, dtype=np.uint8), finalists.ancestor[parent]
         flips = walk(rng, problem, (near, finalists.joints[parent], *origins), plan)
         best = flips.unary.sum(axis=1).reshape(-1, FLIP_PLACES).argmax(axis=1) + np.arange(len(turned)) * FLIP_PLACES
-        finalists, _ = _polished(rng, problem, finalists.joined(flips.taken(best)), plan, plan.tolerance)
-    return _polished(rng, problem, finalists, plan, FINAL_TOLERANCE * problem.settings.tolerance_end)
+        finalists = finalists.joined(flips.taken(best))
+    finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, POLISH_ROUNDS)
+    order = np.argsort(-score, kind="stable")
+    distinct, _ = _distinct(problem, finalists, order, RIVALS, plan.diffusion_position)
+    tight = FINAL_TOLERANCE * problem.settings.tolerance_end
+    return _polished(rng, problem, finalists.taken(distinct), plan, tight, 3 * POLISH_ROUNDS)
 
 
 def _polished(
-    rng: np.random.Generator, problem: Problem, tried: Hypotheses, plan: Schedule, tolerance: float
+    rng: np.random.Generator, problem: Problem, tried: Hypotheses, plan: Schedule, tolerance: float, rounds: int
 ) -> tuple[Hypotheses, Array]:
-    """The best FINALISTS of hypotheses in their best places at a tolerance, and their whole-object scores."""
+    """Hypotheses moved to their best places at a tolerance, and their whole-object scores there."""
     score = np.empty(len(tried.roots))
     roots, joints = tried.roots.copy(), tried.joints.copy()
     for i in range(len(score)):
         roots[i], joints[i], score[i] = polish(
-            rng, problem, roots[i : i + 1], joints[i : i + 1], plan, tolerance, rounds=POLISH_ROUNDS
+            rng, problem, roots[i : i + 1], joints[i : i + 1], plan, tolerance, rounds
         )
     part_poses = problem.mrf.model.part_poses(roots, joints)
-    best = np.argsort(-score, kind="stable")[:FINALISTS]
-    return replace(tried, roots=roots, joints=joints, part_poses=part_poses).taken(best), score[best]
+    return replace(tried, roots=roots, joints=joints, part_poses=part_poses), score
 
 
 def _proposals(

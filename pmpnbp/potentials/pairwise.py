@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pmpnbp.geometry import dual_quaternions, poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.potentials.joint_projection import gearing, project, residual
-from pmpnbp.potentials.kernels.joint_sums import LIMITS, PRISMATIC, REVOLUTE, joint_sums
+from pmpnbp.potentials.kernels.joint_sums import LIMITS, LIMITS_SLIDE, LIMITS_TURN, PRISMATIC, REVOLUTE, joint_sums
 from pmpnbp.scene.articulated_object import Edge
 
 __all__ = [
@@ -45,6 +45,9 @@ Form = Literal["limits", "projected"]
 
 # Pairs of samples that the NumPy path of chained axes projects at once: some tens of megabytes.
 _CHUNK = 20_000
+
+# Limit poses nearer to each other than this, metres, are at one place: far below what float32 resolves in a room.
+_SAME_PLACE = 1e-9
 
 
 def sample_axes(rng: np.random.Generator, edge: Edge, shape: tuple[int, ...]) -> Array:
@@ -115,6 +118,7 @@ class EdgeTable:
 
     edges : the edges themselves
     kind : (E,) PRISMATIC or REVOLUTE, the closed form of the projection; -1 for a chain of several axes
+    limits_kind : (E,) LIMITS, LIMITS_SLIDE or LIMITS_TURN, what eq. 11 needs
     frame_parent, frame_child : (E, 7) the joint's frame in the parent and in the child, with the axis along z
     shape : (E, 2) see `joint_sums`
     lower, upper : (E, 7) poses of the child in the parent at the lower and upper limits
@@ -123,6 +127,7 @@ class EdgeTable:
 
     edges: tuple[Edge, ...]
     kind: NDArray[np.int32]
+    limits_kind: NDArray[np.int32]
     frame_parent: Array
     frame_child: Array
     shape: NDArray[np.float32]
@@ -135,6 +140,7 @@ def edge_table(edges: Sequence[Edge]) -> EdgeTable:
     """The table of `edges`, in their order."""
     count = len(edges)
     kind = np.full(count, -1, dtype=np.int32)
+    limits_kind = np.full(count, LIMITS, dtype=np.int32)
     frame_parent, frame_child = np.tile(poses.IDENTITY, (2, count, 1))
     shape = np.zeros((count, 2), dtype=np.float32)
     lower, upper = np.tile(poses.IDENTITY, (2, count, 1))
@@ -144,6 +150,10 @@ def edge_table(edges: Sequence[Edge]) -> EdgeTable:
         distance[e] = dual_quaternions.distance(
             dual_quaternions.from_pose(lower[e]), dual_quaternions.from_pose(upper[e])
         )
+        if not edge.revolute.any():
+            limits_kind[e] = LIMITS_SLIDE
+        elif distance[e, 0] < _SAME_PLACE:
+            limits_kind[e] = LIMITS_TURN
         if len(edge.axes) != 1:
             continue
         aligned = np.concatenate([np.zeros(3), _turn_z_to(edge.axes[0])])
@@ -159,7 +169,7 @@ def edge_table(edges: Sequence[Edge]) -> EdgeTable:
         else:
             kind[e] = PRISMATIC
             shape[e] = edge.lower[0], edge.upper[0]
-    return EdgeTable(tuple(edges), kind, frame_parent, frame_child, shape, lower, upper, distance)
+    return EdgeTable(tuple(edges), kind, limits_kind, frame_parent, frame_child, shape, lower, upper, distance)
 
 
 def neighbour_sums(
@@ -203,8 +213,7 @@ def neighbour_sums(
     if form == "limits":
         identity = np.broadcast_to(poses.IDENTITY, (len(edge), 7))
         frames = table.lower[edge]
-        kind = np.full(len(edge), LIMITS, dtype=np.int32)
-        shape, child_frames = table.limits_distance[edge], identity
+        kind, shape, child_frames = table.limits_kind[edge], table.limits_distance[edge], identity
     else:
         frames, child_frames = table.frame_parent[edge], table.frame_child[edge]
         kind, shape = table.kind[edge], table.shape[edge]

@@ -6,8 +6,6 @@ the optical frame in world), `"frame_id"` and `"stamp"` (seconds). Members besid
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,10 +16,10 @@ from pmpnbp.errors import ScanError
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import IDENTITY, Array
+from pmpnbp.scene.json_files import finite_number, parse_object, read_object
 
 # More than any depth camera gives; keeps a hostile header from asking for gigabytes.
 LARGEST_SIDE = 8192
-LARGEST_FILE = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -40,29 +38,11 @@ def load_camera(source: Path | str) -> CameraFile:
     Raises ScanError where the file is missing, is not JSON, or a member is missing or has a value it cannot have.
     """
     if isinstance(source, str):
-        return _parse(source, "the camera text")
-    name = f"camera file '{source.name}'"
-    try:
-        if source.stat().st_size > LARGEST_FILE:
-            raise ScanError(f"{name} is larger than {LARGEST_FILE} bytes, which no camera.json is")
-        content = source.read_bytes()
-    except OSError as error:
-        raise ScanError(f"{name} cannot be read: {error.strerror or error}") from error
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ScanError(f"{name} is not UTF-8 text; expected JSON") from error
-    return _parse(text, name)
+        return _camera(parse_object(source, "the camera text", ScanError), "the camera text")
+    return _camera(read_object(source, "camera file", ScanError), f"camera file '{source.name}'")
 
 
-def _parse(text: str, name: str) -> CameraFile:
-    try:
-        members = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        reason = f"line {error.lineno}: {error.msg}" if isinstance(error, json.JSONDecodeError) else "malformed"
-        raise ScanError(f"{name} is not JSON ({reason})") from error
-    if not isinstance(members, Mapping):
-        raise ScanError(f"{name} holds a {type(members).__name__}; expected an object with width, height, fx, fy, …")
+def _camera(members: Mapping[str, object], name: str) -> CameraFile:
     camera = Camera(
         width=_pixels(members, "width", name),
         height=_pixels(members, "height", name),
@@ -77,17 +57,6 @@ def _parse(text: str, name: str) -> CameraFile:
         raise ScanError(f"'frame_id' of {name} is {frame_id!r:.80}; expected the name of a frame")
     stamp = None if members.get("stamp") is None else _member(members, "stamp", name)
     return CameraFile(camera, frame_id, stamp)
-
-
-def finite_number(value: object) -> float | None:
-    """`value` as a float where it is a finite JSON number that a float can hold, else None."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    try:
-        number = float(value)
-    except OverflowError:
-        return None
-    return number if math.isfinite(number) else None
 
 
 def _member(members: Mapping[str, object], key: str, name: str) -> float:

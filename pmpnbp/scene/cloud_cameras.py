@@ -45,9 +45,7 @@ def fit_camera(points: NDArray[np.floating], viewpoint: Array, name: str) -> tup
     )
 
 
-def check_camera(
-    points: NDArray[np.floating], usable: NDArray[np.bool_], camera: Camera, name: str
-) -> None:
+def check_camera(points: NDArray[np.floating], usable: NDArray[np.bool_], camera: Camera, name: str) -> None:
     """Raise ScanError where `camera` does not see the `usable` ones of the organised `points` (H, W, 3) at their
     pixels: the points are then not in its frame, or it is another camera."""
     rows, columns = np.nonzero(usable)
@@ -69,28 +67,59 @@ def look_at_loose_cloud(
     of each pixel, 0 where there is none.
 
     Where no `camera` is given it stands at the cloud's `viewpoint` (7,), looks along its z, covers the points, and has
-    about as many pixels as it sees points.
+    about as many pixels as it sees points. A given one is binned where its pixels are finer than the points, because
+    an image of holes would say that nothing was measured. Raises ScanError where no point is in front of the sensor,
+    or in the picture of the camera that was given.
     """
-    if camera is not None:
-        local = points
-    else:
-        local = points if np.array_equal(viewpoint, poses.IDENTITY) else _in_sensor_frame(points, viewpoint)
-    local = local[local[:, 2] > 0] if len(local) else local
+    local = points if camera is not None else _in_sensor_frame(points, viewpoint)
+    local = local[local[:, 2] > 1e-6].astype(np.float64)
     if len(local) == 0:
         raise ScanError(f"scan '{name}' has no valid point in front of its sensor (z above 0, at most 1 km)")
     if camera is None:
         camera = _virtual_camera(local, viewpoint, name)
-    seen = camera.project(local.astype(np.float64))
-    column, row = np.rint(seen[:, 0]), np.rint(seen[:, 1])
-    within = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    else:
+        camera = _no_finer_than(local, camera, name)
+    pixel, within = _pixels(local, camera)
     depth = np.full(camera.width * camera.height, np.inf, dtype=np.float32)
-    pixel = row[within].astype(np.int64) * camera.width + column[within].astype(np.int64)
-    np.minimum.at(depth, pixel, local[within, 2].astype(np.float32))
+    np.minimum.at(depth, pixel[:, 1] * camera.width + pixel[:, 0], local[within, 2].astype(np.float32))
     depth[np.isinf(depth)] = 0.0
     return camera, depth.reshape(camera.height, camera.width)
 
 
+def _pixels(points: Array, camera: Camera) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Column and row (K, 2) of those of `points` (N, 3), z above 0, that lie in the picture, and which (N,) bool."""
+    seen = np.rint(camera.project(points)[:, :2])
+    within = ((seen >= 0) & (seen < [camera.width, camera.height])).all(axis=1)
+    return seen[within].astype(np.int64), within
+
+
+def _no_finer_than(points: Array, camera: Camera, name: str) -> Camera:
+    """`camera`, binned by the factor that leaves about POINTS_PER_PIXEL of `points` (N, 3) in each pixel they fill."""
+    pixel, _ = _pixels(points, camera)
+    if len(pixel) == 0:
+        raise ScanError(f"no point of scan '{name}' is in the picture of its camera; expected points in its frame")
+    factor = int(np.ceil(np.sqrt(POINTS_PER_PIXEL / _density(pixel.astype(np.float64)))))
+    # A regular grid of one point per pixel leaves no holes and wants no binning.
+    if factor <= 2 and len(np.unique(pixel, axis=0)) > 0.9 * len(pixel) and _density(pixel) > 0.7:
+        return camera
+    factor = min(factor, camera.width, camera.height)
+    return camera if factor <= 1 else camera.binned(0, 0, factor, camera.width // factor, camera.height // factor)
+
+
+def _density(places: NDArray[np.floating] | NDArray[np.integer]) -> float:
+    """Points per unit of area where the points `places` (N, 2) are: the median over them of the density of their cell
+    of a coarse grid, so that neither empty space nor a few strays count."""
+    cells = 64
+    low = places.min(axis=0)
+    span = np.maximum(np.ptp(places, axis=0), 1e-3)
+    cell = np.minimum(((places - low) / span * cells).astype(np.int64), cells - 1)
+    counts = np.bincount(cell[:, 0] * cells + cell[:, 1], minlength=cells * cells)
+    return float(np.median(counts[cell[:, 0] * cells + cell[:, 1]])) / float(span[0] * span[1] / cells**2)
+
+
 def _in_sensor_frame(points: NDArray[np.floating], viewpoint: Array) -> NDArray[np.floating]:
+    if np.array_equal(viewpoint, poses.IDENTITY):
+        return points
     matrix = poses.to_matrix(poses.inverse(viewpoint))
     with np.errstate(invalid="ignore", over="ignore"):
         return points @ matrix[:3, :3].T + matrix[:3, 3]
@@ -141,12 +170,7 @@ def _virtual_camera(points: NDArray[np.floating], viewpoint: Array, name: str) -
         raise ScanError(f"scan '{name}' has no point within 65 degrees of its sensor's z axis")
     low, high = slopes.min(axis=0), slopes.max(axis=0)
     span = np.maximum(high - low, 1e-3)
-    # How dense the points lie where they lie: the median over points of the density of their cell of a coarse grid.
-    cells = 64
-    cell = np.minimum(((slopes - low) / span * cells).astype(np.int64), cells - 1)
-    counts = np.bincount(cell[:, 0] * cells + cell[:, 1], minlength=cells * cells)
-    density = float(np.median(counts[cell[:, 0] * cells + cell[:, 1]])) / (span[0] * span[1] / cells**2)
-    focal = float(np.sqrt(density / POINTS_PER_PIXEL))
+    focal = float(np.sqrt(_density(slopes) / POINTS_PER_PIXEL))
     focal = min(focal, (LARGEST_IMAGE - 2) / float(span.max()))
     width, height = (int(np.ceil(focal * extent)) + 1 for extent in span)
     return Camera(width, height, focal, focal, -focal * float(low[0]), -focal * float(low[1]), viewpoint)

@@ -21,16 +21,17 @@ def lzf_decode(packed: bytes, length: int) -> bytes | None:
 
 
 @numba.njit(cache=True, nogil=True)
-def _decode(packed: NDArray[np.uint8], plain: NDArray[np.uint8]) -> int:
+def _decode(packed: NDArray[np.uint8], plain: NDArray[np.uint8]) -> np.int64:
     """Fill `plain` from `packed`; how many bytes it took, or -1 where a code reaches out of either array."""
-    read, written = 0, 0
+    # Wide integers throughout: control bytes are shifted beyond eight bits.
+    read, written = np.int64(0), np.int64(0)
     while read < packed.size:
         control = np.int64(packed[read])
         read += 1
         if control < 32:
             count = control + 1
             if read + count > packed.size or written + count > plain.size:
-                return -1
+                return np.int64(-1)
             for k in range(count):
                 plain[written + k] = packed[read + k]
             read += count
@@ -39,15 +40,15 @@ def _decode(packed: NDArray[np.uint8], plain: NDArray[np.uint8]) -> int:
         count = (control >> 5) + 2
         if count == 9:
             if read >= packed.size:
-                return -1
+                return np.int64(-1)
             count += np.int64(packed[read])
             read += 1
         if read >= packed.size:
-            return -1
+            return np.int64(-1)
         source = written - (((control & 31) << 8) | np.int64(packed[read])) - 1
         read += 1
         if source < 0 or written + count > plain.size:
-            return -1
+            return np.int64(-1)
         # Byte by byte: source and target may overlap, which repeats the piece between them.
         for k in range(count):
             plain[written + k] = plain[source + k]

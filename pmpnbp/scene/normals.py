@@ -1,8 +1,8 @@
 """Which way does the surface at a pixel face? Planes fitted to small windows of a depth image.
 
-In a pinhole image a plane n·P = c is linear in inverse depth: 1/z = (n·ray)/c. So the fit is a 3×3 least-squares problem
-in pixel offsets, with closed-form solution, and its residuals have nearly the same spread at every distance, because
-the error of a triangulating depth sensor grows with z².
+In a pinhole image a plane n·P = c is linear in inverse depth: 1/z = (n·ray)/c. So the fit is a 3×3 least-squares
+problem in pixel offsets, with closed-form solution, and its residuals have nearly the same spread at every distance,
+because the error of a triangulating depth sensor grows with z².
 """
 
 from __future__ import annotations

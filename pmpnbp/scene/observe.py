@@ -40,7 +40,7 @@ def observe(
     """The Observation of one scene in one or several `scans`, which share a world frame.
 
     region : (6,) x0 y0 z0 x1 y1 z1, metres, world: the box that holds the object; None for everything that was seen
-    width : pixels, the work image's width and height are at most this; scans are binned by whole factors, never blown up
+    width : pixels, the most that the work image has across or down; scans are binned by whole factors, never blown up
     up : (3,) world, away from the ground; where it is not given: the world's z where a scan has a camera pose, else the
         normal of the plane that looks like a floor, else the picture's upward direction
     plane_tolerance, plane_tolerance_growth : metres, and metres per metre of depth squared: a pixel is on a support
@@ -67,9 +67,7 @@ def observe(
         if crop is None:  # this scan does not see the region
             continue
         depth, camera = crop
-        view, view_points, view_normals = _view(
-            depth, camera, box, planes, plane_tolerance, plane_tolerance_growth
-        )
+        view, view_points, view_normals = _view(depth, camera, box, planes, plane_tolerance, plane_tolerance_growth)
         views.append(view)
         points.append(view_points)
         normals.append(view_normals)

@@ -15,6 +15,7 @@ Nothing but ScanError comes out of a damaged or hostile file, and no array is al
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +26,10 @@ from pmpnbp.errors import ScanError
 from pmpnbp.scene.array_files import read_npy, read_npz
 from pmpnbp.scene.camera_file import CameraFile, load_camera
 from pmpnbp.scene.cloud_cameras import check_camera, fit_camera, look_at_loose_cloud
-from pmpnbp.scene.point_cloud_files import LARGEST_POINTS, Cloud, read_pcd, read_ply, read_xyz
 from pmpnbp.scene.observation import Scan
+from pmpnbp.scene.pcd_files import read_pcd
+from pmpnbp.scene.ply_files import read_ply
+from pmpnbp.scene.point_cloud_files import LARGEST_POINTS, Cloud, read_xyz
 
 LARGEST_FILE = 1 << 29
 # Beyond it a value is no measurement in metres (a file in millimetres, a damaged one), and squares would overflow.
@@ -96,16 +99,18 @@ def _depth_scan(depth: NDArray[np.float32], given: CameraFile | None, name: str)
 
 def _cloud_scan(cloud: Cloud, given: CameraFile | None, name: str) -> Scan:
     points = cloud.points
-    usable = np.isfinite(points).all(axis=-1) & (points[..., 2] > 0) & (points[..., 2] <= LARGEST_DEPTH)
+    with np.errstate(invalid="ignore"):
+        usable = (np.abs(points) <= LARGEST_DEPTH).all(axis=-1)
     if points.ndim == 2:
-        camera, depth = look_at_loose_cloud(points[usable], cloud.viewpoint, given and given.camera, name)
-        return _scan(depth, CameraFile(camera) if given is None else given, name)
+        known = None if given is None else given.camera
+        camera, depth = look_at_loose_cloud(points[usable], cloud.viewpoint, known, name)
+        return _scan(depth, CameraFile(camera) if given is None else replace(given, camera=camera), name)
     if given is None:
         camera, points = fit_camera(points, cloud.viewpoint, name)
         given = CameraFile(camera)
     else:
         _check_size(points.shape, given, name)
-        check_camera(points, usable, given.camera, name)
+        check_camera(points, usable & (points[..., 2] > 0), given.camera, name)
     return _scan(points[..., 2], given, name)
 
 

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from pmpnbp.geometry.poses import Array
 
 MOST_PLANES = 4
-HYPOTHESES = 400
+# Hypotheses tried for each plane, and points each is judged by.
+HYPOTHESES, JUDGES = 200, 2000
 # Share of the scan that may lie behind a floor or wall: reflections, sensor noise.
 BEHIND = 0.03
 # Share of all points, and length and breadth in metres, that a support plane has at least.
@@ -80,11 +81,13 @@ def find_support_planes(scene: ScenePoints, up: Array, *, up_is_known: bool) -> 
         on_plane = np.abs(scene.points @ plane[:3] + plane[3]) < scene.tolerances
         if (on_plane & free).sum() < LEAST_SHARE * len(scene.points):
             break
-        if _bounds_the_scene(scene, plane, on_plane) or _carries_the_object(scene, plane, on_plane, plane[:3] @ up >= level):
+        if _bounds_the_scene(scene, plane, on_plane) or _carries_the_object(
+            scene, plane, on_plane, bool(plane[:3] @ up >= level)
+        ):
             planes.append(plane)
         free &= np.abs(scene.points @ plane[:3] + plane[3]) >= SKIRT * scene.tolerances
     if not scene.has_region:
-        planes = _leave_an_object(scene, planes, [plane[:3] @ up >= level for plane in planes])
+        planes = _leave_an_object(scene, planes, [bool(plane[:3] @ up >= level) for plane in planes])
     return np.array(planes).reshape(-1, 4)
 
 
@@ -94,12 +97,14 @@ def _largest_plane(scene: ScenePoints, free: NDArray[np.bool_]) -> Array | None:
     if len(oriented) < FEWEST:
         return None
     seeds = oriented[np.linspace(0, len(oriented) - 1, min(HYPOTHESES, len(oriented))).astype(int)]
-    sample = oriented[np.linspace(0, len(oriented) - 1, min(4000, len(oriented))).astype(int)]
+    sample = oriented[np.linspace(0, len(oriented) - 1, min(JUDGES, len(oriented))).astype(int)]
+    # Single precision is plenty to rank hypotheses by.
     n = scene.normals[seeds].astype(np.float32)
     d = -np.einsum("hk,hk->h", n, scene.points[seeds].astype(np.float32))
     # A single normal is off by a few degrees, so a hypothesis is judged with three times the tolerance.
-    close = np.abs(n @ scene.points[sample].T.astype(np.float32) + d[:, None]) < 3 * scene.tolerances[sample]
-    facing = n @ scene.normals[sample].T.astype(np.float32) > ALIGNED
+    reach = (3 * scene.tolerances[sample]).astype(np.float32)
+    close = np.abs(_dot_products(n, scene.points[sample]) + d[:, None]) < reach
+    facing = _dot_products(n, scene.normals[sample]) > ALIGNED
     best = int((close & facing).sum(axis=1).argmax())
     plane = np.append(n[best], d[best]).astype(np.float64)
     for width in (3.0, 2.0, 1.0, 1.0):
@@ -113,13 +118,21 @@ def _largest_plane(scene: ScenePoints, free: NDArray[np.bool_]) -> Array | None:
     return plane
 
 
+def _dot_products(a: NDArray[np.float32], b: Array) -> NDArray[np.float32]:
+    """(A, B): of each of `a` (A, 3) with each of `b` (B, 3). Written out: for three columns a call of the matrix
+    product, which wakes all its threads, takes longer than the work."""
+    columns = b.T.astype(np.float32)
+    return a[:, :1] * columns[0] + a[:, 1:2] * columns[1] + a[:, 2:] * columns[2]
+
+
 def _fit(points: Array, tolerances: Array, towards: Array) -> Array:
     """Least-squares plane (4,) of `points` (P, 3), weighted by 1 / `tolerances`², its normal on the side `towards`."""
     weights = 1.0 / tolerances**2
     weights /= weights.sum()
-    centre = weights @ points
+    # einsum adds in one order whatever the number of threads, so that planes repeat bit for bit.
+    centre = np.einsum("p,pk->k", weights, points)
     offset = points - centre
-    _, vectors = np.linalg.eigh((offset * weights[:, None]).T @ offset)
+    _, vectors = np.linalg.eigh(np.einsum("p,pj,pk->jk", weights, offset, offset, optimize=False))
     n = vectors[:, 0] * np.sign(vectors[:, 0] @ towards or 1.0)
     return np.append(n, -n @ centre)
 

@@ -22,16 +22,20 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-PRISMATIC, REVOLUTE, LIMITS = 0, 1, 2
+PRISMATIC, REVOLUTE, LIMITS, LIMITS_SLIDE, LIMITS_TURN = 0, 1, 2, 3, 4
 
 # Rows that share a scratch buffer, and the number of pairs from which a second thread pays for its start.
 _ROWS = 32
 _PARALLEL_FROM = 400_000
 
 _LOG2E = float(np.log2(np.e))
-# Stands for the log of zero: far below anything reachable, and far from the end of float32.
-_NOTHING = np.float32(-1e30)
+# Stands for minus the log of zero: far beyond anything reachable, and far from the end of float32.
+_NOTHING, _REACHABLE = np.float32(1e30), np.float32(1e29)
 _LOWEST_POWER = np.float32(-100.0)
+# Minima are taken of the bits: floats from 0 up are in the order of their bits as integers, and LLVM vectorises the
+# minimum of integers but not that of floats. A cost that rounding took below 0 may be mistaken for the least: no harm,
+# it is as good a reference for the sum.
+_LARGEST = np.int32(0x7F000000)
 
 
 def _fit(values: Any, upper: float, degree: int) -> tuple[np.float32, ...]:
@@ -44,15 +48,15 @@ def _fit(values: Any, upper: float, degree: int) -> tuple[np.float32, ...]:
 # angle / |a - b| for unit quaternions a, b at most half a turn apart, by m = |a - b|² in 0..2: angle = 4 asin(|a-b|/2).
 _ANGLE = _fit(lambda m: 4 * np.arcsin(np.sqrt(m) / 2) / np.sqrt(m), 2.0 + 1e-6, 6)
 # angle² / |a - b|², likewise.
-_ANGLE_SQUARED = _fit(lambda m: 16 * np.arcsin(np.sqrt(m) / 2) ** 2 / m, 2.0 + 1e-6, 6)
+_ANGLE_SQUARED = _fit(lambda m: 16 * np.arcsin(np.sqrt(m) / 2) ** 2 / m, 2.0 + 1e-6, 5)
 # angle² / sin²(angle/2) by the cosine of the half angle, 0..1.
-_SWING_SQUARED = _fit(lambda x: 4 * np.arccos(x) ** 2 / (1 - x * x), 1.0, 5)
+_SWING_SQUARED = _fit(lambda x: 4 * np.arccos(x) ** 2 / (1 - x * x), 1.0, 7)
 # 2 ** f for f in 0..1
 _EXP2 = _fit(np.exp2, 1.0, 4)
 
 _A0, _A1, _A2, _A3, _A4, _A5, _A6 = _ANGLE
-_B0, _B1, _B2, _B3, _B4, _B5, _B6 = _ANGLE_SQUARED
-_C0, _C1, _C2, _C3, _C4, _C5 = _SWING_SQUARED
+_B0, _B1, _B2, _B3, _B4, _B5 = _ANGLE_SQUARED
+_C0, _C1, _C2, _C3, _C4, _C5, _C6, _C7 = _SWING_SQUARED
 _E0, _E1, _E2, _E3, _E4 = _EXP2
 
 _ONE, _FOUR, _QUARTER, _ZERO = np.float32(1), np.float32(4), np.float32(0.25), np.float32(0)
@@ -69,35 +73,65 @@ def _apart(aw, ax, ay, az, bw, bx, by, bz):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, fastmath=True)
-def _prismatic_pair(nx, ny, nz, lower, upper, dx, dy, dz, m, kp, ko):  # type: ignore[no-untyped-def]
+def _angle(m):  # type: ignore[no-untyped-def]
+    return np.sqrt(m) * (_A0 + m * (_A1 + m * (_A2 + m * (_A3 + m * (_A4 + m * (_A5 + m * _A6))))))
+
+
+@njit(nogil=True, fastmath=True)
+def _angle_squared(m):  # type: ignore[no-untyped-def]
+    return m * (_B0 + m * (_B1 + m * (_B2 + m * (_B3 + m * (_B4 + m * _B5)))))
+
+
+@njit(nogil=True, fastmath=True)
+def _off_slide(nx, ny, nz, lower, upper, dx, dy, dz):  # type: ignore[no-untyped-def]
     along = min(max(nx * dx + ny * dy + nz * dz, lower), upper)
     rx, ry, rz = dx - along * nx, dy - along * ny, dz - along * nz
-    angle2 = m * (_B0 + m * (_B1 + m * (_B2 + m * (_B3 + m * (_B4 + m * (_B5 + m * _B6))))))
-    return kp * (rx * rx + ry * ry + rz * rz) + ko * angle2
+    return rx * rx + ry * ry + rz * rz
 
 
 @njit(nogil=True, fastmath=True)
-def _prismatic_row(o, inner, log_w, count, outer_is_parent, lower, upper, kp, ko, out):  # type: ignore[no-untyped-def]
+def _prismatic_row(o, inner, behind, begin, count, outer_is_parent, lower, upper, kp, ko, out):  # type: ignore[no-untyped-def]
     ox, oy, oz, onx, ony, onz, oqw, oqx, oqy, oqz = o[0], o[1], o[2], o[3], o[4], o[5], o[6], o[7], o[8], o[9]
-    x, y, z, qw, qx, qy, qz = inner[0], inner[1], inner[2], inner[6], inner[7], inner[8], inner[9]
+    x, y, z, nx, ny, nz = (
+        inner[0, begin:],
+        inner[1, begin:],
+        inner[2, begin:],
+        inner[3, begin:],
+        inner[4, begin:],
+        inner[5, begin:],
+    )
+    qw, qx, qy, qz = inner[6, begin:], inner[7, begin:], inner[8, begin:], inner[9, begin:]
+    least = _LARGEST
     if outer_is_parent:
         for j in range(count):
-            m = _apart(oqw, oqx, oqy, oqz, qw[j], qx[j], qy[j], qz[j])
-            cost = _prismatic_pair(onx, ony, onz, lower, upper, x[j] - ox, y[j] - oy, z[j] - oz, m, kp, ko)
-            out[j] = log_w[j] - cost
+            off = _off_slide(onx, ony, onz, lower, upper, x[j] - ox, y[j] - oy, z[j] - oz)
+            turn = _angle_squared(_apart(oqw, oqx, oqy, oqz, qw[j], qx[j], qy[j], qz[j]))
+            v = behind[j] + kp * off + ko * turn
+            out[j] = v
+            least = min(least, np.float32(v).view(np.int32))
     else:
-        nx, ny, nz = inner[3], inner[4], inner[5]
         for j in range(count):
-            m = _apart(oqw, oqx, oqy, oqz, qw[j], qx[j], qy[j], qz[j])
-            cost = _prismatic_pair(nx[j], ny[j], nz[j], lower, upper, ox - x[j], oy - y[j], oz - z[j], m, kp, ko)
-            out[j] = log_w[j] - cost
+            off = _off_slide(nx[j], ny[j], nz[j], lower, upper, ox - x[j], oy - y[j], oz - z[j])
+            turn = _angle_squared(_apart(oqw, oqx, oqy, oqz, qw[j], qx[j], qy[j], qz[j]))
+            v = behind[j] + kp * off + ko * turn
+            out[j] = v
+            least = min(least, np.float32(v).view(np.int32))
+    return np.int32(least).view(np.float32)
 
 
 @njit(nogil=True, fastmath=True)
-def _revolute_row(o, inner, log_w, count, cos_end, sin_end, kp, ko, out):  # type: ignore[no-untyped-def]
+def _revolute_row(o, inner, behind, begin, count, cos_end, sin_end, kp, ko, out):  # type: ignore[no-untyped-def]
     ox, oy, oz, onx, ony, onz, oqw, oqx, oqy, oqz = o[0], o[1], o[2], o[3], o[4], o[5], o[6], o[7], o[8], o[9]
-    x, y, z, nx, ny, nz = inner[0], inner[1], inner[2], inner[3], inner[4], inner[5]
-    qw, qx, qy, qz = inner[6], inner[7], inner[8], inner[9]
+    x, y, z, nx, ny, nz = (
+        inner[0, begin:],
+        inner[1, begin:],
+        inner[2, begin:],
+        inner[3, begin:],
+        inner[4, begin:],
+        inner[5, begin:],
+    )
+    qw, qx, qy, qz = inner[6, begin:], inner[7, begin:], inner[8, begin:], inner[9, begin:]
+    least = _LARGEST
     for j in range(count):
         dx, dy, dz = x[j] - ox, y[j] - oy, z[j] - oz
         ax, ay, az = nx[j] - onx, ny[j] - ony, nz[j] - onz
@@ -106,60 +140,110 @@ def _revolute_row(o, inner, log_w, count, cos_end, sin_end, kp, ko, out):  # typ
         beyond = max(abs(twist) * cos_end - abs(w) * sin_end, _ZERO)
         sine2 = min(_QUARTER * (ax * ax + ay * ay + az * az) + beyond * beyond, _ONE)
         c = np.sqrt(_ONE - sine2)
-        angle2 = sine2 * (_C0 + c * (_C1 + c * (_C2 + c * (_C3 + c * (_C4 + c * _C5)))))
-        out[j] = log_w[j] - kp * (dx * dx + dy * dy + dz * dz) - ko * angle2
+        ratio = _C0 + c * (_C1 + c * (_C2 + c * (_C3 + c * (_C4 + c * (_C5 + c * (_C6 + c * _C7))))))
+        v = behind[j] + kp * (dx * dx + dy * dy + dz * dz) + ko * sine2 * ratio
+        out[j] = v
+        least = min(least, np.float32(v).view(np.int32))
+    return np.int32(least).view(np.float32)
 
 
 @njit(nogil=True, fastmath=True)
-def _angle(m):  # type: ignore[no-untyped-def]
-    return np.sqrt(m) * (_A0 + m * (_A1 + m * (_A2 + m * (_A3 + m * (_A4 + m * (_A5 + m * _A6))))))
-
-
-@njit(nogil=True, fastmath=True)
-def _limits_pair(ax, ay, az, bx, by, bz, ma, mb, cp, co, kp, ko):  # type: ignore[no-untyped-def]
-    position = np.sqrt(ax * ax + ay * ay + az * az) + np.sqrt(bx * bx + by * by + bz * bz) - cp
-    orientation = _angle(ma) + _angle(mb) - co
-    return kp * position * position + ko * orientation * orientation
-
-
-@njit(nogil=True, fastmath=True)
-def _limits_row(o, inner, log_w, count, outer_is_parent, cp, co, kp, ko, out):  # type: ignore[no-untyped-def]
-    x, y, z, qw, qx, qy, qz = inner[0], inner[1], inner[2], inner[6], inner[7], inner[8], inner[9]
-    if outer_is_parent:
-        ax, ay, az, aw, ai, aj, ak = o[0], o[1], o[2], o[6], o[7], o[8], o[9]
-        bx, by, bz, bw, bi, bj, bk = o[3], o[4], o[5], o[10], o[11], o[12], o[13]
-        for j in range(count):
-            ma = _apart(aw, ai, aj, ak, qw[j], qx[j], qy[j], qz[j])
-            mb = _apart(bw, bi, bj, bk, qw[j], qx[j], qy[j], qz[j])
-            u, v, w = x[j], y[j], z[j]
-            cost = _limits_pair(u - ax, v - ay, w - az, u - bx, v - by, w - bz, ma, mb, cp, co, kp, ko)
-            out[j] = log_w[j] - cost
+def _limits_cost(kind, ax, ay, az, bx, by, bz, ma, mb, cp, co, kp, ko):  # type: ignore[no-untyped-def]
+    # eq. 11
+    a2 = ax * ax + ay * ay + az * az
+    if kind == LIMITS_TURN:
+        position2 = _FOUR * a2
     else:
-        u, v, w, cw, ci, cj, ck = o[0], o[1], o[2], o[6], o[7], o[8], o[9]
-        x1, y1, z1 = inner[3], inner[4], inner[5]
-        rw, rx, ry, rz = inner[10], inner[11], inner[12], inner[13]
-        for j in range(count):
-            ma = _apart(cw, ci, cj, ck, qw[j], qx[j], qy[j], qz[j])
-            mb = _apart(cw, ci, cj, ck, rw[j], rx[j], ry[j], rz[j])
-            cost = _limits_pair(
-                u - x[j], v - y[j], w - z[j], u - x1[j], v - y1[j], w - z1[j], ma, mb, cp, co, kp, ko
-            )
-            out[j] = log_w[j] - cost
+        position = np.sqrt(a2) + np.sqrt(bx * bx + by * by + bz * bz) - cp
+        position2 = position * position
+    if kind == LIMITS_SLIDE:
+        orientation2 = _FOUR * _angle_squared(ma)
+    else:
+        orientation = _angle(ma) + _angle(mb) - co
+        orientation2 = orientation * orientation
+    return kp * position2 + ko * orientation2
 
 
 @njit(nogil=True, fastmath=True)
-def _largest(values, count):  # type: ignore[no-untyped-def]
-    top = _NOTHING
+def _limits_given_parent(kind, o, inner, behind, begin, count, cp, co, kp, ko, out):  # type: ignore[no-untyped-def]
+    ax, ay, az, aw, ai, aj, ak = o[0], o[1], o[2], o[6], o[7], o[8], o[9]
+    bx, by, bz, bw, bi, bj, bk = o[3], o[4], o[5], o[10], o[11], o[12], o[13]
+    x, y, z, qw, qx, qy, qz = (
+        inner[0, begin:],
+        inner[1, begin:],
+        inner[2, begin:],
+        inner[6, begin:],
+        inner[7, begin:],
+        inner[8, begin:],
+        inner[9, begin:],
+    )
+    least = _LARGEST
     for j in range(count):
-        top = max(top, values[j])
-    return top
+        ma = _apart(aw, ai, aj, ak, qw[j], qx[j], qy[j], qz[j])
+        mb = _apart(bw, bi, bj, bk, qw[j], qx[j], qy[j], qz[j])
+        cx, cy, cz = x[j], y[j], z[j]
+        cost = _limits_cost(kind, cx - ax, cy - ay, cz - az, cx - bx, cy - by, cz - bz, ma, mb, cp, co, kp, ko)
+        v = behind[j] + cost
+        out[j] = v
+        least = min(least, np.float32(v).view(np.int32))
+    return np.int32(least).view(np.float32)
 
 
 @njit(nogil=True, fastmath=True)
-def _sum_of_powers(values, count, top):  # type: ignore[no-untyped-def]
+def _limits_given_child(kind, o, inner, behind, begin, count, cp, co, kp, ko, out):  # type: ignore[no-untyped-def]
+    cx, cy, cz, cw, ci, cj, ck = o[0], o[1], o[2], o[6], o[7], o[8], o[9]
+    ax, ay, az, aw, ai, aj, ak = (
+        inner[0, begin:],
+        inner[1, begin:],
+        inner[2, begin:],
+        inner[6, begin:],
+        inner[7, begin:],
+        inner[8, begin:],
+        inner[9, begin:],
+    )
+    bx, by, bz, bw, bi, bj, bk = (
+        inner[3, begin:],
+        inner[4, begin:],
+        inner[5, begin:],
+        inner[10, begin:],
+        inner[11, begin:],
+        inner[12, begin:],
+        inner[13, begin:],
+    )
+    least = _LARGEST
+    for j in range(count):
+        ma = _apart(cw, ci, cj, ck, aw[j], ai[j], aj[j], ak[j])
+        mb = _apart(cw, ci, cj, ck, bw[j], bi[j], bj[j], bk[j])
+        cost = _limits_cost(
+            kind, cx - ax[j], cy - ay[j], cz - az[j], cx - bx[j], cy - by[j], cz - bz[j], ma, mb, cp, co, kp, ko
+        )
+        v = behind[j] + cost
+        out[j] = v
+        least = min(least, np.float32(v).view(np.int32))
+    return np.int32(least).view(np.float32)
+
+
+@njit(nogil=True, fastmath=True)
+def _limits_row(kind, o, inner, behind, begin, count, outer_is_parent, cp, co, kp, ko, out):  # type: ignore[no-untyped-def]
+    # The constants let the compiler drop what a kind does not need: half of the square roots.
+    if outer_is_parent:
+        if kind == LIMITS_SLIDE:
+            return _limits_given_parent(LIMITS_SLIDE, o, inner, behind, begin, count, cp, co, kp, ko, out)
+        if kind == LIMITS_TURN:
+            return _limits_given_parent(LIMITS_TURN, o, inner, behind, begin, count, cp, co, kp, ko, out)
+        return _limits_given_parent(LIMITS, o, inner, behind, begin, count, cp, co, kp, ko, out)
+    if kind == LIMITS_SLIDE:
+        return _limits_given_child(LIMITS_SLIDE, o, inner, behind, begin, count, cp, co, kp, ko, out)
+    if kind == LIMITS_TURN:
+        return _limits_given_child(LIMITS_TURN, o, inner, behind, begin, count, cp, co, kp, ko, out)
+    return _limits_given_child(LIMITS, o, inner, behind, begin, count, cp, co, kp, ko, out)
+
+
+@njit(nogil=True, fastmath=True)
+def _sum_of_powers(values, count, least):  # type: ignore[no-untyped-def]
     total = _ZERO
     for j in range(count):
-        power = max(values[j] - top, _LOWEST_POWER)
+        power = max(least - values[j], _LOWEST_POWER)
         whole = np.int32(np.floor(power))
         f = power - np.float32(whole)
         scale = np.int32((whole + _BIAS) << _MANTISSA).view(np.float32)
@@ -170,7 +254,7 @@ def _sum_of_powers(values, count, top):  # type: ignore[no-untyped-def]
 @njit(nogil=True)
 def _lay_out(poses, frame, second, kind, is_parent, origin, fields):  # type: ignore[no-untyped-def]
     # fields: 0-2 position, 3-5 axis (or position of the second limit), 6-9 quaternion, 10-13 the second limit's
-    limits = kind == LIMITS and is_parent
+    limits = kind >= LIMITS and is_parent
     for i in range(poses.shape[0]):
         px, py, pz = poses[i, 0] - origin[0], poses[i, 1] - origin[1], poses[i, 2] - origin[2]
         w, x, y, z = poses[i, 3], poses[i, 4], poses[i, 5], poses[i, 6]
@@ -192,7 +276,7 @@ def _lay_out(poses, frame, second, kind, is_parent, origin, fields):  # type: ig
             fields[quaternion + 1, i] = rx
             fields[quaternion + 2, i] = ry
             fields[quaternion + 3, i] = rz
-            if kind != LIMITS:
+            if kind < LIMITS:
                 fields[3, i] = 2 * (rx * rz + rw * ry)
                 fields[4, i] = 2 * (ry * rz - rw * rx)
                 fields[5, i] = 1 - 2 * (rx * rx + ry * ry)
@@ -200,67 +284,88 @@ def _lay_out(poses, frame, second, kind, is_parent, origin, fields):  # type: ig
 
 @njit(nogil=True)
 def _prepare(  # type: ignore[no-untyped-def]
-    kind, is_parent, frames_s, frames_t, seconds, poses_s, poses_t, log_weights, fields_s, fields_t, log2_w
+    kind, is_parent, frames_s, frames_t, seconds, poses_s, poses_t, log_weights, fields_s, fields_t, behind, highest
 ):
     for q in range(poses_s.shape[0]):
         # Positions relative to one of the particles: float32 has no digits to spare for the distance to the world.
         origin = poses_t[q, 0, :3]
         _lay_out(poses_s[q], frames_s[q], seconds[q], kind[q], is_parent[q], origin, fields_s[q])
         _lay_out(poses_t[q], frames_t[q], seconds[q], kind[q], not is_parent[q], origin, fields_t[q])
+        highest[q] = -np.inf
         for j in range(poses_t.shape[1]):
-            log2_w[q, j] = max(log_weights[q, j] * _LOG2E, -1e30)
+            highest[q] = max(highest[q], log_weights[q, j])
+        for j in range(poses_t.shape[1]):
+            lost = np.isneginf(log_weights[q, j])
+            behind[q, j] = _NOTHING if lost else min((highest[q] - log_weights[q, j]) * _LOG2E, _NOTHING)
 
 
 @njit(nogil=True)
 def _block(  # type: ignore[no-untyped-def]
-    q, first, last, kind, is_parent, shape, kp, ko, fields_s, fields_t, log2_w, start, stop, result
+    q, first, last, kind, is_parent, shape, kp, ko, fields_s, fields_t, behind, highest, start, stop, result
 ):
-    values = np.empty(log2_w.shape[1], np.float32)
+    values = np.empty(behind.shape[1], np.float32)
     o = np.empty(14, np.float32)
     s0, s1 = shape[q, 0], shape[q, 1]
     for i in range(first, last):
         for k in range(14):
             o[k] = fields_s[q, k, i]
         begin, count = start[q, i], stop[q, i] - start[q, i]
-        inner, log_w = fields_t[q, :, begin:], log2_w[q, begin:]
+        inner, behind_t = fields_t[q], behind[q, begin:]
         if kind[q] == PRISMATIC:
-            _prismatic_row(o, inner, log_w, count, is_parent[q], s0, s1, kp, ko, values)
+            least = _prismatic_row(o, inner, behind_t, begin, count, is_parent[q], s0, s1, kp, ko, values)
         elif kind[q] == REVOLUTE:
-            _revolute_row(o, inner, log_w, count, s0, s1, kp, ko, values)
+            least = _revolute_row(o, inner, behind_t, begin, count, s0, s1, kp, ko, values)
         else:
-            _limits_row(o, inner, log_w, count, is_parent[q], s0, s1, kp, ko, values)
-        top = _largest(values, count)
-        if top < np.float32(-1e29):
+            least = _limits_row(kind[q], o, inner, behind_t, begin, count, is_parent[q], s0, s1, kp, ko, values)
+        if count <= 0 or least > _REACHABLE:
             result[q, i] = -np.inf
         else:
-            total = _sum_of_powers(values, count, top)
-            result[q, i] = (np.float64(top) + np.log2(np.float64(total))) / _LOG2E
+            total = _sum_of_powers(values, count, least)
+            result[q, i] = highest[q] + (np.log2(np.float64(total)) - np.float64(least)) / _LOG2E
 
 
 @njit(nogil=True, cache=True)
 def _serial(  # type: ignore[no-untyped-def]
     kind, is_parent, frames_s, frames_t, seconds, shape, kp, ko, poses_s, poses_t, log_weights, start, stop,
-    fields_s, fields_t, log2_w, result,
+    fields_s, fields_t, behind, highest, result,
 ):  # fmt: skip
-    _prepare(kind, is_parent, frames_s, frames_t, seconds, poses_s, poses_t, log_weights, fields_s, fields_t, log2_w)
+    _prepare(
+        kind, is_parent, frames_s, frames_t, seconds, poses_s, poses_t, log_weights, fields_s, fields_t, behind, highest
+    )
     for q in range(poses_s.shape[0]):
         _block(
-            q, 0, poses_s.shape[1], kind, is_parent, shape, kp, ko, fields_s, fields_t, log2_w, start, stop, result
+            q,
+            0,
+            poses_s.shape[1],
+            kind,
+            is_parent,
+            shape,
+            kp,
+            ko,
+            fields_s,
+            fields_t,
+            behind,
+            highest,
+            start,
+            stop,
+            result,
         )
 
 
 @njit(nogil=True, cache=True, parallel=True)
 def _parallel(  # type: ignore[no-untyped-def]
     kind, is_parent, frames_s, frames_t, seconds, shape, kp, ko, poses_s, poses_t, log_weights, start, stop,
-    fields_s, fields_t, log2_w, result,
+    fields_s, fields_t, behind, highest, result,
 ):  # fmt: skip
-    _prepare(kind, is_parent, frames_s, frames_t, seconds, poses_s, poses_t, log_weights, fields_s, fields_t, log2_w)
+    _prepare(
+        kind, is_parent, frames_s, frames_t, seconds, poses_s, poses_t, log_weights, fields_s, fields_t, behind, highest
+    )
     rows = poses_s.shape[1]
     blocks = (rows + _ROWS - 1) // _ROWS
     for b in prange(poses_s.shape[0] * blocks):
         q, first = b // blocks, (b % blocks) * _ROWS
         last = min(first + _ROWS, rows)
-        _block(q, first, last, kind, is_parent, shape, kp, ko, fields_s, fields_t, log2_w, start, stop, result)
+        _block(q, first, last, kind, is_parent, shape, kp, ko, fields_s, fields_t, behind, highest, start, stop, result)
 
 
 def joint_sums(
@@ -302,6 +407,6 @@ def joint_sums(
         np.float32(0.5 * _LOG2E / sigma_position**2), np.float32(0.5 * _LOG2E / sigma_orientation**2),
         poses_s, poses_t, log_weights, start, stop,
         np.empty((jobs, 14, rows), np.float32), np.empty((jobs, 14, columns), np.float32),
-        np.empty((jobs, columns), np.float32), result,
+        np.empty((jobs, columns), np.float32), np.empty(jobs), result,
     )  # fmt: skip
     return result

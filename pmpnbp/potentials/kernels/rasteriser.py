@@ -26,7 +26,7 @@ NEAR = 0.01
 # Buffer rows are drawn in blocks of this many pixels, one vector register, and padded to a multiple of it.
 LANES = 8
 
-_ZERO, _ONE, _FAR = np.float32(0), np.float32(1), np.float32(3e38)
+_ZERO, _ONE, _FAR = np.float32(0), np.float32(1), np.float32(1e9)
 _NEAR = np.float32(NEAR)
 # Added to a column, it takes a bound out of the image on the side where it does not bound.
 _BEYOND = 1e12
@@ -87,26 +87,35 @@ def scan_triangle(
     slope_a, shift_a, low_a, high_a = _edge(u0, v0, u1, v1, right_way)
     slope_b, shift_b, low_b, high_b = _edge(u1, v1, u2, v2, right_way)
     slope_c, shift_c, low_c, high_c = _edge(u2, v2, u0, v0, right_way)
-    step = np.float32(along_u)
+    step, left, columns = np.float32(along_u), int(leftmost), int(rightmost) - int(leftmost) + 1
     for row in range(int(top), int(bottom) + 1):
         y = float(row)
         a, b, c = y * slope_a + shift_a, y * slope_b + shift_b, y * slope_c + shift_c
-        first = np.ceil(max(max(a + low_a, b + low_b), max(c + low_c, leftmost)))
-        last = np.floor(min(min(a + high_a, b + high_b), min(c + high_c, rightmost)))
-        if first <= last:
-            value = np.float32(at_origin + along_v * y + along_u * first)
-            _fill_span(buffer, owner, number, row * stride + int(first), int(last) - int(first) + 1, value, step)
+        first = max(max(a + low_a, b + low_b), max(c + low_c, leftmost))
+        last = min(min(a + high_a, b + high_b), min(c + high_c, rightmost))
+        value = np.float32(at_origin + along_v * y + along_u * first)
+        _fill_span(
+            buffer, owner, number, row * stride + left, columns, np.float32(first - leftmost),
+            np.float32(last - leftmost), value, step,
+        )  # fmt: skip
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _fill_span(buffer: Any, owner: Any, number: int, begin: int, length: int, value: Any, step: Any) -> None:
-    """Draw `length` pixels of a row. Whole vectors are written, the lanes beyond the end with what they held: a loop
-    of exactly `length` turns would spend a short span in its scalar remainder."""
-    start, inside = np.uint64(begin), np.int32(length)
-    for k in range(np.int32((length + LANES - 1) & -LANES)):
+def _fill_span(
+    buffer: Any, owner: Any, number: int, begin: int, columns: int, first: Any, last: Any, value: Any, step: Any
+) -> None:
+    """Draw a row's span, from `first` to `first + length` of the `columns` from `begin` on.
+
+    All of the triangle's columns are visited in every row, in whole vectors, and those outside the span are written
+    with what they held: a loop over the span alone has a length that changes by the row, and costs more in
+    mispredicted branches and scalar remainders than it saves.
+    """
+    start = np.uint64(begin)
+    for k in range(np.int32((columns + LANES - 1) & -LANES)):
         place = start + np.uint64(k)
-        w, held = value + step * np.float32(k), buffer[place]
-        front = (w > held) & (k < inside)
+        column = np.float32(k)
+        w, held = value + step * (column - first), buffer[place]
+        front = (column >= first) & (column <= last) & (w > held)
         if owner is not None:
             owner[place] = number if front else owner[place]
         buffer[place] = w if front else held
@@ -146,39 +155,47 @@ def _scan_clipped(
         )  # fmt: skip
 
 
-@njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz", "reassoc", "contract"})
-def project(vertices: Any, begin: int, end: int, m: Any, lens: Any, us: Any, vs: Any, ws: Any) -> Any:
-    """Project vertices[:, begin:end] into us, vs (pixels) and ws (1/z); return the smallest and largest u, v and the
-    smallest z. Before the near plane the projections mean nothing."""
+@njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz", "contract"})
+def project(vertices: Any, begin: int, end: int, m: Any, lens: Any, size: Any, us: Any, vs: Any, ws: Any) -> Any:
+    """Project vertices[:, begin:end] into us, vs (pixels) and ws (1/z).
+
+    Returns the first and last column and row of the image of `size` (width, height) whose centres the projections
+    enclose, the last before the first where there is none; and whether a vertex lies before the near plane: then its
+    projection means nothing, and all of the image is returned.
+    """
     m00, m01, m02, m10, m11, m12, m20, m21, m22, tx, ty, tz = single(m)
     fx, fy, cx, cy = np.float32(lens[0]), np.float32(lens[1]), np.float32(lens[2]), np.float32(lens[3])
-    least_u, least_v, least_z, most_u, most_v = _FAR, _FAR, _FAR, -_FAR, -_FAR
     xs, ys, zs = vertices[0, begin:end], vertices[1, begin:end], vertices[2, begin:end]
+    before = np.int32(0)
     for k in range(end - begin):
-        x, y, z = xs[k], ys[k], zs[k]
-        depth = m20 * x + m21 * y + m22 * z + tz
-        w = _ONE / max(depth, _NEAR)
-        u = (m00 * x + m01 * y + m02 * z + tx) * w * fx + cx
-        v = (m10 * x + m11 * y + m12 * z + ty) * w * fy + cy
-        us[k], vs[k], ws[k] = u, v, w
-        least_u, most_u = min(least_u, u), max(most_u, u)
-        least_v, most_v = min(least_v, v), max(most_v, v)
-        least_z = min(least_z, depth)
-    return least_u, most_u, least_v, most_v, least_z
+        depth = m20 * xs[k] + m21 * ys[k] + m22 * zs[k] + tz
+        before |= np.int32(depth < _NEAR)
+        ws[k] = _ONE / (depth if depth > _NEAR else _NEAR)
+    left, right = _project_axis(xs, ys, zs, m00, m01, m02, tx, fx, cx, ws, us)
+    top, bottom = _project_axis(xs, ys, zs, m10, m11, m12, ty, fy, cy, ws, vs)
+    width, height = size
+    if before:
+        return (0, width - 1, 0, height - 1), True
+    return (max(int(left), 0), min(int(right), width - 1), max(int(top), 0), min(int(bottom), height - 1)), False
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def pixel_box(bounds: Any, width: int, height: int) -> Any:
-    """First and last column and row whose centres lie in the bounds of `project`; all of the image where something
-    lies before the near plane. Empty boxes have their last before their first."""
-    least_u, most_u, least_v, most_v, least_z = bounds
-    if least_z < _NEAR:
-        return 0, width - 1, 0, height - 1
-    left = int(np.ceil(min(max(least_u, 0.0), float(width))))
-    right = int(np.floor(max(min(most_u, width - 1.0), -1.0)))
-    top = int(np.ceil(min(max(least_v, 0.0), float(height))))
-    bottom = int(np.floor(max(min(most_v, height - 1.0), -1.0)))
-    return left, right, top, bottom
+@njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz", "contract"})
+def _project_axis(
+    xs: Any, ys: Any, zs: Any, mx: Any, my: Any, mz: Any, t: Any, focal: Any, centre: Any, ws: Any, out: Any
+) -> Any:
+    """One image coordinate of all vertices, and the first and last pixel between the smallest and the largest.
+
+    Written for the compiler's sake: with more arrays written in a loop there are too many pairs that could overlap,
+    and the smallest of floats is no sum that it takes apart; either leaves the loop scalar, six times slower.
+    """
+    first, last = np.int32(2**30), np.int32(-(2**30))
+    for k in range(len(xs)):
+        value = (mx * xs[k] + my * ys[k] + mz * zs[k] + t) * ws[k] * focal + centre
+        out[k] = value
+        value = value if value < _FAR else _FAR
+        value = value if value > -_FAR else -_FAR
+        first, last = min(first, np.int32(np.ceil(value))), max(last, np.int32(np.floor(value)))
+    return first, last
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz"})
@@ -286,7 +303,7 @@ def _add_part_scores(
     start: int, stop: int, step: int, packed: Any, lens: Any, pose_camera_world: Any, mesh: Any, part: Any, poses: Any,
     terms: Any, robust: bool, out: Any,
 ) -> None:  # fmt: skip
-    vertices, faces, one_sided, vertex_offsets, face_offsets, centres, radii = mesh
+    vertices, faces, one_sided, vertex_offsets, face_offsets = mesh
     height, width = packed.shape[0] - 2, packed.shape[1] - 2
     most = 1
     for node in range(len(vertex_offsets) - 1):
@@ -301,8 +318,7 @@ def _add_part_scores(
         if begin == end:
             continue
         m = pose_in_camera(pose_camera_world, poses[i])
-        bounds = project(vertices, begin, end, m, lens, us, vs, ws)
-        box = pixel_box(bounds, width, height)
+        box, near = project(vertices, begin, end, m, lens, (width, height), us, vs, ws)
         left, right, top, bottom = box
         if left > right or top > bottom:
             continue
@@ -310,7 +326,7 @@ def _add_part_scores(
         buffer[: (bottom - top + 1) * stride] = _ZERO
         draw_part(
             buffer, None, 0, stride, box, lens, m, vertices, faces, one_sided, begin,
-            face_offsets[node], face_offsets[node + 1], bounds[4] < _NEAR, us, vs, ws, chosen,
+            face_offsets[node], face_offsets[node + 1], near, us, vs, ws, chosen,
         )  # fmt: skip
         if robust:
             out[i] += _sum_robust(buffer, stride, box, packed, terms32)
@@ -350,7 +366,7 @@ def _draw_object(
 ) -> Any:
     """Draw all parts (or part `only`) into one buffer; return the box it covers and the buffer's stride."""
     us, vs, ws, boxes, chosen, buffer, owner = room
-    vertices, faces, one_sided, vertex_offsets, face_offsets, centres, radii = mesh
+    vertices, faces, one_sided, vertex_offsets, face_offsets = mesh
     left, right, top, bottom = width, -1, height, -1
     parts = len(vertex_offsets) - 1
     for node in range(parts):
@@ -360,10 +376,9 @@ def _draw_object(
         if begin == end or (only >= 0 and node != only):
             continue
         m = pose_in_camera(pose_camera_world, poses[node])
-        bounds = project(vertices, begin, end, m, lens, us[begin:], vs[begin:], ws[begin:])
-        box = pixel_box(bounds, width, height)
+        box, near = project(vertices, begin, end, m, lens, (width, height), us[begin:], vs[begin:], ws[begin:])
         boxes[node, 0], boxes[node, 1], boxes[node, 2], boxes[node, 3] = box
-        boxes[node, 4] = 1 if bounds[4] < _NEAR else 0
+        boxes[node, 4] = 1 if near else 0
         if box[0] <= box[1] and box[2] <= box[3]:
             left, right = min(left, box[0]), max(right, box[1])
             top, bottom = min(top, box[2]), max(bottom, box[3])

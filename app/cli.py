@@ -1,0 +1,221 @@
+"""The command `pmpnbp`: what can be asked for on the command line, and how it ends.
+
+Exit status 0; 2 for bad input, with one sentence on standard error; 130 when interrupted. Whatever takes long to import
+is imported by the command that needs it, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from pmpnbp.errors import PmpnbpError
+
+OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
+
+EXAMPLE = """\
+example, a cabinet of which nothing is known but a box around it:
+  pmpnbp estimate sample_data/cabinet/cabinet.urdf sample_data/cabinet/open/depth.png \\
+      --camera sample_data/cabinet/open/camera.json --roi=-0.08,-0.19,-0.1,0.89,0.7,0.85 \\
+      --out result.json --recording open.sqlite
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one sentence, as all our errors are."""
+
+    def error(self, message: str) -> NoReturn:
+        sys.stderr.write(f"{self.prog}: {message}; see {self.prog} --help\n")
+        raise SystemExit(BAD_INPUT)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (without the program's name) and return its exit status."""
+    try:
+        arguments = _parse(sys.argv[1:] if argv is None else argv)
+    except SystemExit as done:  # --help, --version, and errors: a caller in the same process wants the status
+        return done.code if isinstance(done.code, int) else BAD_INPUT
+    run: Callable[[argparse.Namespace], int] = arguments.run
+    try:
+        return run(arguments)
+    except PmpnbpError as error:
+        sys.stderr.write(f"pmpnbp {arguments.command}: {error}\n")
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        sys.stderr.write(f"pmpnbp {arguments.command}: interrupted\n")
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of standard output has gone, as `head` does
+        sys.stderr.close()
+        return OK
+
+
+def _parse(argv: Sequence[str]) -> argparse.Namespace:
+    parser = _parser()
+    given = list(argv)
+    # `--roi -0.1,…`: argparse would take the box for an option, as it starts with a minus and is no single number
+    for place in range(len(given) - 1):
+        if given[place] == "--roi":
+            given[place : place + 2] = [f"--roi={given[place + 1]}"]
+            break
+    arguments, rest = parser.parse_known_args(given)
+    # scans after an option, as in `MODEL A --camera CA B --camera CB`, which argparse leaves over
+    scans = [] if arguments.command != "estimate" else [text for text in rest if not text.startswith("-")]
+    unknown = [text for text in rest if text not in scans]
+    if unknown:
+        parser.error(f"{' '.join(unknown)} is not an option of {arguments.command}")
+    if scans:
+        arguments.scans += [Path(text) for text in scans]
+    return arguments
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="pmpnbp",
+        description="Poses of the links and positions of the joints of an articulated object, from depth scans.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action=_Version, help="print the version and exit")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_estimate(commands)
+    _add_settings(commands)
+    _add_benchmark(commands)
+    return parser
+
+
+class _Version(argparse.Action):
+    """Prints the version. An action of ours, because looking it up takes time that no other command should spend."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str | None = None) -> None:
+        super().__init__(option_strings, dest=argparse.SUPPRESS, nargs=0, help=help)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from app.version import version
+
+        sys.stdout.write(f"pmpnbp {version()}\n")
+        parser.exit()
+
+
+def _add_estimate(commands: argparse._SubParsersAction[_Parser]) -> None:
+    command = commands.add_parser(
+        "estimate",
+        help="find an object in one scene's scans",
+        description="Find the object MODEL in one or several scans of one scene. The result is JSON, progress goes to "
+        "standard error.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = command.add_argument
+    add("model", type=Path, metavar="MODEL", help="a URDF, or a zip holding one with its meshes")
+    add("scans", type=Path, metavar="SCAN", nargs="+", help="PNG, PCD, PLY, XYZ, NPY or NPZ; several are several views")
+    add(
+        "--camera", type=Path, metavar="FILE", action="append", default=[],
+        help="camera.json; once for all scans, or once for each in their order",
+    )  # fmt: skip
+    add(
+        "--roi", type=_region, metavar="X0,Y0,Z0,X1,Y1,Z1",
+        help="the box the object is in, two corners, metres in world; write --roi=… as numbers may be negative",
+    )  # fmt: skip
+    add("--prior", type=Path, metavar="FILE", help="prior.json; default: upright, anywhere on the points seen")
+    add(
+        "--method", choices=("pmpnbp", "particle_filter"), default="pmpnbp", help="default: %(default)s",
+    )  # fmt: skip
+    add(
+        "--particles", type=_whole(2, 20_000), default=400, metavar="N", help="of each part; default: %(default)s"
+    )
+    add(
+        "--iterations", type=_whole(0, 100_000), default=100, metavar="N",
+        help="at most; the run ends earlier once converged; default: %(default)s",
+    )  # fmt: skip
+    add("--seed", type=_whole(0, 2**63 - 1), default=0, metavar="N", help="default: %(default)s")
+    add(
+        "--max-std", type=_length, default=0.0025, metavar="METRES",
+        help="standard deviation up to which a link is certain; default: %(default)s",
+    )  # fmt: skip
+    add(
+        "--config", type=_assignment, metavar="NAME=VALUE", action="append", default=[],
+        help="a setting, more than once if need be; `pmpnbp settings` lists them; preset=paper is the paper's algorithm",
+    )  # fmt: skip
+    add("--truth", type=Path, metavar="FILE", help="truth.json; adds the errors against it (ADD, ADD-S) to the result")
+    add("--out", type=Path, metavar="FILE", help="where the result goes; default: standard output")
+    add("--recording", type=Path, metavar="FILE", help="every iteration, as one SQLite file")
+    add("--quiet", action="store_true", help="no progress on standard error")
+    command.set_defaults(run=_estimate)
+
+
+def _add_settings(commands: argparse._SubParsersAction[_Parser]) -> None:
+    command = commands.add_parser("settings", help="list every setting that --config takes")
+    command.set_defaults(run=_settings)
+
+
+def _add_benchmark(commands: argparse._SubParsersAction[_Parser]) -> None:
+    command = commands.add_parser("benchmark", help="measure speeds, as ratios against references in the same run")
+    command.add_argument("--out", type=Path, metavar="FILE", help="where the figures go, as JSON; default: a table only")
+    command.set_defaults(run=_benchmark)
+
+
+def _estimate(arguments: argparse.Namespace) -> int:
+    from app.estimate_command import run
+
+    return run(arguments)
+
+
+def _settings(_: argparse.Namespace) -> int:
+    from app.settings_table import table
+
+    sys.stdout.write(table())
+    return OK
+
+
+def _benchmark(arguments: argparse.Namespace) -> int:
+    from app.benchmark_command import run
+
+    return run(arguments.out)
+
+
+def _region(text: str) -> list[float]:
+    try:
+        numbers = [float(number) for number in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 6 or not all(math.isfinite(number) for number in numbers):
+        raise argparse.ArgumentTypeError(f"{text!r} is not six finite numbers with commas between, X0,Y0,Z0,X1,Y1,Z1")
+    return numbers
+
+
+def _whole(low: int, high: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        try:
+            number = int(text)
+        except ValueError:
+            number = low - 1
+        if not low <= number <= high:
+            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {low} to {high}")
+        return number
+
+    return parse
+
+
+def _length(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not (math.isfinite(number) and number > 0):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a finite number of metres above zero")
+    return number
+
+
+def _assignment(text: str) -> tuple[str, str]:
+    name, separator, value = text.partition("=")
+    if not separator or not name.strip():
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE")
+    return name.strip(), value.strip()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,216 @@
+"""`pmpnbp estimate`: reads model, scans and prior, runs the inference, writes the result and the recording."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from app.progress import Progress, announce
+from pmpnbp.errors import PmpnbpError, RecordingError, ScanError, SettingError
+
+if TYPE_CHECKING:
+    from pmpnbp.inference.belief import IterationReport
+    from pmpnbp.inference.problem import Problem
+    from pmpnbp.recording import Inputs, RecordingWriter
+
+OK, INTERRUPTED = 0, 130
+
+
+class OutputError(PmpnbpError):
+    """The result cannot be written where it was asked for."""
+
+
+@dataclass
+class Progressed:
+    """The newest iteration of a run, kept outside it so that an interrupted run has something to tell."""
+
+    report: IterationReport | None = None
+    converged: bool = False
+    began: float = 0.0
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Do it and return the exit status. Raises PmpnbpError for bad input, before anything is written."""
+    _check_outputs(arguments.out, arguments.recording)
+    cameras = _cameras(arguments.camera, arguments.scans)
+    _check_method(arguments.method)
+    announce(arguments.quiet)
+    problem, inputs = _problem(arguments, cameras)
+    truth = None if arguments.truth is None else _truth(arguments.truth)
+
+    progressed = Progressed(began=time.perf_counter())
+    interrupted = False
+    try:
+        with _recorder(arguments.recording, inputs, problem) as recorder, Progress(arguments.iterations, arguments.quiet) as bar:
+            for report in _iterations(problem, arguments.iterations, recorder, progressed):
+                bar.show(report)
+            bar.finished(progressed.converged)
+    except KeyboardInterrupt:
+        interrupted = True
+        if progressed.report is None:
+            raise
+    assert progressed.report is not None
+    result = _result(problem, progressed, arguments, truth)
+    if not interrupted:
+        _write(result, arguments.out)
+        return OK
+    kept = ""
+    if arguments.out is not None:
+        _write(result, arguments.out)
+        kept = f", what was found so far is in '{arguments.out.name}'"
+    sys.stderr.write(f"pmpnbp estimate: interrupted after iteration {progressed.report.iteration}{kept}\n")
+    return INTERRUPTED
+
+
+def _problem(arguments: argparse.Namespace, cameras: Sequence[Path | None]) -> tuple[Problem, Inputs]:
+    import numpy as np
+
+    from pmpnbp import settings as settings_module
+    from pmpnbp.inference import problem as problem_module
+    from pmpnbp.recording import Inputs
+    from pmpnbp.scene.observe import observe
+    from pmpnbp.scene.prior import UniformPrior, load_prior
+    from pmpnbp.scene.scan_files import load_scan
+    from pmpnbp.scene.urdf import load_model
+
+    settings = settings_module.changed(settings_module.preset("robust"), _changes(arguments.config))
+    model = load_model(arguments.model, triangle_budget=settings.triangles)
+    scans = [load_scan(scan, camera) for scan, camera in zip(arguments.scans, cameras, strict=True)]
+    region = None if arguments.roi is None else np.array(arguments.roi)
+    observation = observe(scans, region, width=settings.image_width)
+    prior = UniformPrior("upright") if arguments.prior is None else load_prior(arguments.prior, model)
+    problem = problem_module.build(
+        model, observation, prior, settings, particles=arguments.particles, seed=arguments.seed
+    )
+    inputs = Inputs(
+        arguments.model, tuple(scans), region, prior, settings, arguments.particles, arguments.seed, arguments.method
+    )
+    return problem, inputs
+
+
+def _iterations(
+    problem: Problem, iterations: int, recorder: RecordingWriter | None, progressed: Progressed
+) -> Iterator[IterationReport]:
+    """Reports from iteration 0 on, recorded, until converged or `iterations` are done."""
+    from pmpnbp.inference import run as engine
+
+    state, report = engine.begin(problem)
+    reports: list[IterationReport] = []
+    while True:
+        reports = [*reports[-problem.settings.converged_iterations :], report]
+        progressed.report = report
+        progressed.converged = engine.converged(reports, problem)
+        if recorder is not None:
+            recorder.write(report, state)
+        yield report
+        if progressed.converged or state.iteration >= iterations:
+            return
+        state, report = engine.advance(state, problem)
+
+
+def _result(
+    problem: Problem, progressed: Progressed, arguments: argparse.Namespace, truth: dict[str, Any] | None
+) -> dict[str, Any]:
+    from pmpnbp.readout import estimate as readout
+
+    assert progressed.report is not None
+    found = readout.estimate(
+        problem, progressed.report, max_std=arguments.max_std, converged=progressed.converged,
+        method=arguments.method, seconds=round(time.perf_counter() - progressed.began, 3),
+    )  # fmt: skip
+    if truth is None:
+        return readout.to_result(found)
+    errors = readout.errors(problem.mrf.model, found, truth["links"], truth["joints"])
+    return readout.to_result(found, errors)
+
+
+def _recorder(path: Path | None, inputs: Inputs, problem: Problem) -> AbstractContextManager[RecordingWriter | None]:
+    from pmpnbp.recording import RecordingWriter
+
+    return nullcontext(None) if path is None else RecordingWriter(path, inputs, problem.mrf.model)
+
+
+def _changes(assignments: Sequence[tuple[str, str]]) -> dict[str, str]:
+    changes: dict[str, str] = {}
+    for name, value in assignments:
+        if name in changes:
+            raise SettingError(f"setting '{name}' is given twice, as {changes[name]!r} and {value!r}; expected it once")
+        changes[name] = value
+    return changes
+
+
+def _cameras(cameras: Sequence[Path], scans: Sequence[Path]) -> list[Path | None]:
+    """The camera file of each scan: none, one for all, or one each."""
+    if len(cameras) <= 1:
+        return [cameras[0] if cameras else None] * len(scans)
+    if len(cameras) != len(scans):
+        raise ScanError(
+            f"--camera is given {len(cameras)} times for {len(scans)} scans; expected it once for all or once for each"
+        )
+    return list(cameras)
+
+
+def _check_method(method: str) -> None:
+    if method == "particle_filter" and find_spec("pmpnbp.inference.particle_filter") is None:
+        raise SettingError("method 'particle_filter' comes with a later version; this one has pmpnbp")
+
+
+def _truth(path: Path) -> dict[str, Any]:
+    from app.truth_file import load_truth
+
+    return load_truth(path)
+
+
+def _check_outputs(out: Path | None, recording: Path | None) -> None:
+    """Raise where an output could not be written: better now than after the run."""
+    if out is not None and recording is not None and out.absolute() == recording.absolute():
+        raise OutputError(f"--out and --recording are both '{out.name}'; expected two files")
+    if out is not None:
+        _check_output(out, "--out", OutputError)
+    if recording is not None:
+        _check_output(recording, "--recording", RecordingError)
+
+
+def _check_output(path: Path, option: str, kind: type[PmpnbpError]) -> None:
+    if path.is_dir():
+        raise kind(f"{option} '{path}' is a folder; expected the name of a file")
+    if not path.parent.is_dir():
+        raise kind(f"{option} '{path}' cannot be written: the folder '{path.parent}' is not there")
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise kind(f"{option} '{path}' cannot be written: {error.strerror}") from None
+
+
+def _write(result: dict[str, Any], out: Path | None) -> None:
+    """The result as one file that appears whole, or on standard output."""
+    text = _text(result)
+    if out is None:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+        return
+    partial = out.with_name(f".{out.name}.{os.getpid()}.part")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(out)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise OutputError(f"--out '{out}' cannot be written: {error.strerror}") from None
+
+
+def _text(result: dict[str, Any]) -> str:
+    """JSON with a member a line, and a list of numbers in one: a covariance would be 36 lines."""
+    text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    return re.sub(r"\[\n[-+\d.e,\s]+\]", lambda found: re.sub(r"\n\s*", "", found[0]).replace(",", ", "), text)

@@ -1,0 +1,26 @@
+"""What can be set? Every entry of `pmpnbp.settings` as lines of text."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+from pmpnbp.settings import Settings
+
+
+def table() -> str:
+    """One entry a block: name, default, unit, the paper's value where it differs; then its line of help."""
+    lines = [
+        "Settings for --config NAME=VALUE. Defaults are those of preset=robust; preset=paper takes the paper's values.",
+        "",
+    ]
+    for entry in fields(Settings):
+        about = entry.metadata
+        unit = f" {about['unit']}" if about["unit"] else ""
+        choices = f" ({' or '.join(about['choices'])})" if about["choices"] else ""
+        paper = "" if about["paper"] == entry.default else f"; paper: {_text(about['paper'])}{unit}"
+        lines += [f"{entry.name} = {_text(entry.default)}{unit}{choices}{paper}", f"    {about['help']}"]
+    return "\n".join(lines) + "\n"
+
+
+def _text(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

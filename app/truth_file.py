@@ -1,0 +1,41 @@
+"""Where were the links really? Reads the truth.json that lies beside a sample scan."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pmpnbp.errors import ScanError
+from pmpnbp.geometry import poses
+
+
+def load_truth(path: Path) -> dict[str, Any]:
+    """`links`: link name to pose (7,), link in world; `joints`: joint name to position, metres or radians.
+
+    The file is `{"links": {LINK: 4x4 matrix, nested or as 16 numbers, row-major}, "joints": {JOINT: number}}`; `joints`
+    may be absent. Raises ScanError where it is not.
+    """
+    try:
+        members = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ScanError(f"truth file '{path.name}' cannot be read: {error.strerror}") from None
+    except ValueError:
+        raise ScanError(f"truth file '{path.name}' is not JSON") from None
+    links = members.get("links") if isinstance(members, dict) else None
+    joints = members.get("joints", {}) if isinstance(members, dict) else None
+    if not isinstance(links, dict) or not isinstance(joints, dict):
+        raise ScanError(f"truth file '{path.name}' is not an object with 'links' and 'joints'")
+    found = {}
+    for name, matrix in links.items():
+        try:
+            found[name] = poses.from_matrix(np.array(matrix, dtype=np.float64).reshape(4, 4))
+        except (ValueError, TypeError):
+            raise ScanError(f"link '{name}' of truth file '{path.name}' has no 4x4 matrix of a pose") from None
+    for name, position in joints.items():
+        if isinstance(position, bool) or not isinstance(position, int | float) or not math.isfinite(position):
+            raise ScanError(f"joint '{name}' of truth file '{path.name}' is {position!r}; expected a finite number")
+    return {"links": found, "joints": {name: float(position) for name, position in joints.items()}}

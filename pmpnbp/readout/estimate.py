@@ -1,0 +1,289 @@
+"""Where is every link, where stands every joint, and how sure is that? Reads an iteration out into `result.json`.
+
+Part poses and joint positions always agree with the kinematic tree: see `agreeing`. Everything is reported for links,
+though the inference knows parts only: a part's particles are carried to each of its links.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.belief import IterationReport
+from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.tree_estimate import assemble, configuration_scores
+from pmpnbp.potentials.unary import visible_fractions
+from pmpnbp.readout import posterior
+from pmpnbp.readout.metrics import add, add_s, model_points
+from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
+
+SCHEMA = "pmpnbp/estimate-1"
+# The scan may be this much in front of a part's surface, metres, and still be the part: noise, and a slightly wrong pose.
+VISIBLE_TOLERANCE = 0.02
+
+
+@dataclass(frozen=True)
+class ModeEstimate:
+    """One hypothesis of a link: weight; pose (7,) mean of its particles, link in world; covariance (6, 6) about it."""
+
+    weight: float
+    pose: Array
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class LinkEstimate:
+    """A link of the URDF.
+
+    part : the part it belongs to, or that it was reached from where it is in none
+    pose : (7,), link in world; covariance : (6, 6) of the belief about it, in the order of `posterior.covariance`
+    visible_fraction : 0 to 1, log_likelihood : natural log of the unary potential; both of its part at the estimate
+    modes : the hypotheses, heaviest first
+    """
+
+    name: str
+    part: int
+    pose: Array
+    covariance: Array
+    visible_fraction: float
+    log_likelihood: float
+    modes: tuple[ModeEstimate, ...]
+
+    @property
+    def std_xyz(self) -> Array:
+        """(3,) standard deviations of the position along the world's axes, metres."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance)[:3], 0.0))
+
+
+@dataclass(frozen=True)
+class JointEstimate:
+    """A moving joint: position, std, lower, upper (K,), metres or radians, of its K axes (1; planar 3, floating 6)."""
+
+    joint: Joint
+    position: Array
+    std: Array
+    lower: Array
+    upper: Array
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What an iteration says about the object.
+
+    part_poses : (N, 7), part in world; joint_positions : (D,) the joint vector; both agree with the tree
+    """
+
+    model: str
+    method: str
+    seed: int
+    iteration: int
+    converged: bool
+    frame_id: str
+    stamp: float | None
+    max_std: float
+    seconds: float
+    part_poses: Array
+    joint_positions: Array
+    links: tuple[LinkEstimate, ...]
+    joints: tuple[JointEstimate, ...]
+
+    def link_certain(self, link: LinkEstimate) -> bool:
+        """Whether every element of the link's `std_xyz` is at most `max_std`."""
+        return bool(np.all(link.std_xyz <= self.max_std))
+
+    @property
+    def certain(self) -> bool:
+        """Whether every link is."""
+        return all(self.link_certain(link) for link in self.links)
+
+
+def estimate(
+    problem: Problem,
+    report: IterationReport,
+    *,
+    max_std: float = 0.0025,
+    converged: bool = False,
+    method: str = "pmpnbp",
+    seconds: float = 0.0,
+) -> Estimate:
+    """The estimate of an iteration. The same problem and report give the same numbers.
+
+    max_std : metres, up to which a link is certain; seconds : wall time of the inference so far
+    """
+    model, belief, settings = problem.mrf.model, report.belief, problem.settings
+    root, joints = agreeing(problem, report)
+    part_poses = model.part_poses(root, joints)
+    link_poses = model.link_poses(part_poses, joints)
+    rng = np.random.default_rng([problem.seed, report.iteration])
+    stds = posterior.joint_stds(rng, model, belief, joints)
+
+    fractions = visible_fractions(problem.observation, problem.surfaces, part_poses, VISIBLE_TOLERANCE)
+    likelihoods = problem.unary(
+        np.arange(len(part_poses), dtype=np.int32), part_poses, settings.tolerance_end, "rasteriser"
+    )
+    weights = np.exp(belief.log_weights)
+    modes = [
+        posterior.modes(belief.poses[node], weights[node], problem.mrf.centres[node]) for node in range(len(part_poses))
+    ]
+    # Joints that a link outside all parts hangs on are spread as they are uncertain; a part's links do not see this.
+    spread = joints + stds * rng.standard_normal((belief.log_weights.shape[1], model.dof))
+    particles = model.link_poses(np.swapaxes(belief.poses, 0, 1), spread)
+    reached_from = parts_of_links(model)
+    links = []
+    for row, name in enumerate(model.links):
+        part = reached_from[name]
+        found = []
+        for mode in modes[part]:
+            own, share = particles[mode.members, row], weights[part, mode.members]
+            middle = poses.mean(own, share)
+            found.append(ModeEstimate(mode.weight, middle, posterior.covariance(middle, own, share)))
+        moment = posterior.covariance(link_poses[row], particles[:, row], weights[part])
+        links.append(
+            LinkEstimate(
+                name, part, link_poses[row], moment, float(fractions[part]), float(likelihoods[part]), tuple(found)
+            )
+        )
+    moving = tuple(_joint_estimate(joint, joints, stds) for joint in model.joints if joint.kind != "fixed")
+    observation = problem.observation
+    return Estimate(
+        model.name, method, problem.seed, report.iteration, converged, observation.frame_id, observation.stamp,
+        max_std, seconds, part_poses, joints, tuple(links), moving,
+    )  # fmt: skip
+
+
+def agreeing(problem: Problem, report: IterationReport) -> tuple[Array, Array]:
+    """Root pose (7,) and joint vector (D,) of the report's estimate.
+
+    Where the report's part poses are those of the tree, as the whole-object estimate leaves them, they are taken as
+    they are. Where each part's pose is its own best particle (the paper's estimate, and the start), each part in turn is
+    kept where it is and the others are brought as near to their own as the joints allow; of these configurations the
+    one stands that, rendered whole, explains the scan best.
+    """
+    model = problem.mrf.model
+    joints = report.mle_joints
+    # the paper's estimate has no joint vector of its own
+    if joints is not None and np.allclose(model.part_poses(report.mle[0], joints), report.mle, atol=1e-9):
+        return report.mle[0], joints
+    found = [assemble(problem.mrf, report.mle[None], anchor) for anchor in range(len(report.mle))]
+    roots, vectors = np.concatenate([root for root, _ in found]), np.concatenate([q for _, q in found])
+    best = int(configuration_scores(problem, roots, vectors, problem.settings.tolerance_end).argmax())
+    return roots[best], vectors[best]
+
+
+def parts_of_links(model: ArticulatedObject) -> dict[str, int]:
+    """For every link the part it is in, or else that which `ArticulatedObject.link_poses` reaches it from."""
+    owner = {link: index for index, part in enumerate(model.parts) for link in part.links}
+    parent = {joint.child: joint.parent for joint in model.joints}
+    link = model.parts[0].links[0]
+    while link in parent:
+        link = parent[link]
+        owner.setdefault(link, 0)
+    for joint in model.joints:
+        owner.setdefault(joint.child, owner[joint.parent])
+    return owner
+
+
+def _joint_estimate(joint: Joint, joint_positions: Array, stds: Array) -> JointEstimate:
+    revolute, _ = joint.elementary_axes()
+    several = len(revolute) > 1
+    # the limits of a planar or floating joint are those of its slides; its turns are free
+    lower = np.where(several & revolute, -np.pi, joint.lower)
+    upper = np.where(several & revolute, np.pi, joint.upper)
+    std = abs(joint.multiplier) * stds[list(joint.coordinates)]
+    return JointEstimate(joint, joint.positions(joint_positions), std, lower, upper)
+
+
+def to_result(found: Estimate, truth: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """The members of `result.json`, in its order; `truth`, what `errors` gives, comes last under that name."""
+    links = {
+        link.name: {
+            "pose": pose_members(link.pose),
+            "covariance": link.covariance.reshape(-1).tolist(),
+            "std_xyz": link.std_xyz.tolist(),
+            "certain": found.link_certain(link),
+            "visible_fraction": link.visible_fraction,
+            "log_likelihood": link.log_likelihood,
+            "modes": [
+                {
+                    "weight": mode.weight,
+                    "pose": pose_members(mode.pose),
+                    "covariance": mode.covariance.reshape(-1).tolist(),
+                }
+                for mode in link.modes
+            ],
+        }
+        for link in found.links
+    }
+    joints = {
+        entry.joint.name: {
+            "type": entry.joint.kind,
+            "position": _number_or_list(entry.position),
+            "std": _number_or_list(entry.std),
+            "lower": _number_or_list(entry.lower),
+            "upper": _number_or_list(entry.upper),
+            "parent": entry.joint.parent,
+            "child": entry.joint.child,
+        }
+        for entry in found.joints
+    }
+    result: dict[str, Any] = {
+        "schema": SCHEMA,
+        "model": found.model,
+        "method": found.method,
+        "seed": found.seed,
+        "iteration": found.iteration,
+        "converged": found.converged,
+        "frame_id": found.frame_id,
+        "stamp": found.stamp,
+        "certain": found.certain,
+        "max_std": found.max_std,
+        "seconds": found.seconds,
+        "links": links,
+        "joints": joints,
+    }
+    return result if truth is None else result | {"truth": dict(truth)}
+
+
+def pose_members(pose: Array) -> dict[str, dict[str, float]]:
+    """A pose (7,) as JSON has it; the scalar part of its quaternion is not negative, so that equal poses look equal."""
+    x, y, z, qw, qx, qy, qz = (pose if pose[3] >= 0 else np.concatenate([pose[:3], -pose[3:]])).tolist()
+    return {"position": {"x": x, "y": y, "z": z}, "orientation": {"x": qx, "y": qy, "z": qz, "w": qw}}
+
+
+def errors(
+    model: ArticulatedObject, found: Estimate, true_links: Mapping[str, Array], true_joints: Mapping[str, float]
+) -> dict[str, Any]:
+    """How far the estimate is from the truth: ADD and ADD-S (metres) of each visible part whose link poses (7,) are in
+    `true_links`, and for the joints in `true_joints` estimate minus truth, metres or radians."""
+    parts: dict[str, dict[str, float]] = {}
+    for index, part in enumerate(model.parts):
+        known = next((link for link in part.links if link in true_links), None)
+        if known is None or not part.visible:
+            continue
+        pose_part_link = part.poses_part_link[part.links.index(known)]
+        truth = poses.multiply(true_links[known], poses.inverse(pose_part_link))
+        points = model_points(part.mesh)
+        at = found.part_poses[index]
+        parts[part.name] = {"add": add(points, at, truth), "add_s": add_s(points, at, truth)}
+    return {"parts": parts, "joints": _joint_errors(found, true_joints)}
+
+
+def _joint_errors(found: Estimate, true_joints: Mapping[str, float]) -> dict[str, float]:
+    differences = {}
+    for entry in found.joints:
+        if len(entry.position) == 1 and entry.joint.name in true_joints:
+            difference = float(entry.position[0]) - true_joints[entry.joint.name]
+            if entry.joint.kind == "continuous":
+                difference -= 2 * np.pi * round(difference / (2 * np.pi))
+            differences[entry.joint.name] = difference
+    return differences
+
+
+def _number_or_list(values: Array) -> float | list[float]:
+    numbers: list[float] = values.tolist()
+    return numbers[0] if len(numbers) == 1 else numbers

@@ -1,0 +1,105 @@
+"""How sure is a belief? Covariances, separate hypotheses and joint spreads of weighted particles.
+
+All of these describe the particles as they are. The particles' spread follows the diffusion of the algorithm and is not
+yet an honest error bar.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference import log_weights as lw
+from pmpnbp.inference.belief import Belief
+from pmpnbp.potentials.joint_projection import project
+from pmpnbp.scene.articulated_object import ArticulatedObject, Edge
+
+# Particles nearer than this to a hypothesis' heaviest one belong to it.
+MODE_DISTANCE = 0.05
+MODE_ANGLE = np.radians(20.0)
+MODES = 5
+# Clusters looked at before the heaviest are chosen, and the weight below which one is no hypothesis.
+CLUSTERS = 50
+LEAST_WEIGHT = 0.01
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One hypothesis. weight : its particles' sum; members : (T,) bool, which they are."""
+
+    weight: float
+    members: NDArray[np.bool_]
+
+
+def covariance(estimate: Array, particles: Array, weights: Array) -> Array:
+    """(6, 6): weighted second moment of poses (T, 7) about the pose `estimate` (7,), weights (T,) of any sum above zero.
+
+    ROS's order: x, y, z, then the rotation about axes through the estimate's origin parallel to the world's X, Y, Z.
+    Square metres, metre-radians, square radians.
+    """
+    offset = particles[:, :3] - estimate[:3]
+    turn = poses.quaternion_multiply(particles[:, 3:], poses.quaternion_conjugate(estimate[3:]))
+    deviation = np.concatenate([offset, poses.to_rotation_vector(turn)], axis=1)
+    moment: Array = np.einsum("t,ti,tj->ij", weights / weights.sum(), deviation, deviation)
+    return (moment + moment.T) / 2
+
+
+def modes(particles: Array, weights: Array, centre: Array) -> list[Mode]:
+    """At most five hypotheses in the particles (T, 7) of a part, heaviest first.
+
+    Greedy: the heaviest particle not yet taken, and all that are within 5 cm of it at the part's `centre` (3,) and
+    within 20°, are one. Those under a hundredth of the weight are left out, but for the heaviest.
+    """
+    weights = weights / weights.sum()
+    middle = poses.transform_points(particles, centre)
+    left = weights > 0
+    found: list[Mode] = []
+    while left.any() and len(found) < CLUSTERS:
+        seed = int(np.where(left, weights, -1.0).argmax())
+        near = np.linalg.norm(middle - middle[seed], axis=1) < MODE_DISTANCE
+        near &= poses.rotation_angle(particles[:, 3:], particles[seed, 3:]) < MODE_ANGLE
+        near[seed] = True
+        near &= left
+        found.append(Mode(float(weights[near].sum()), near))
+        left &= ~near
+    found.sort(key=lambda mode: -mode.weight)
+    return found[:1] + [mode for mode in found[1:MODES] if mode.weight >= LEAST_WEIGHT]
+
+
+def joint_stds(rng: np.random.Generator, model: ArticulatedObject, belief: Belief, estimate: Array) -> Array:
+    """Standard deviations (D,) of the joint vector about its `estimate` (D,), metres or radians, never negative.
+
+    Where a belief's particles are whole objects, those of their joint positions. Else pairs of particles of the two
+    parts a joint connects are drawn, each from its own belief and independently of the other, and brought to the
+    joint: as the beliefs of two neighbours move together, that is more rather than less than the joint's own spread. A
+    coordinate that no edge between two parts has (nothing of it can be seen) has that of its whole range.
+    """
+    if belief.joint_positions is not None:
+        offset = _around(belief.joint_positions - estimate, model.wraps)
+        weights = np.exp(belief.log_weights[0])
+        return np.sqrt(np.einsum("t,td->d", weights / weights.sum(), offset**2))
+    found = np.full(model.dof, np.inf)
+    for edge in model.edges:
+        spread = _edge_spread(rng, edge, belief, edge.axis_positions(estimate))
+        for axis, coordinate in enumerate(edge.coordinates):
+            if edge.multiplier[axis] != 0:
+                found[coordinate] = min(found[coordinate], spread[axis] / abs(edge.multiplier[axis]))
+    return np.where(np.isfinite(found), found, (model.upper - model.lower) / np.sqrt(12.0))
+
+
+def _edge_spread(rng: np.random.Generator, edge: Edge, belief: Belief, estimate: Array) -> Array:
+    ends = [edge.parent, edge.child]
+    count = min(belief.log_weights.shape[1], 400)
+    taken = rng.permuted(lw.systematic(rng, belief.log_weights[ends], count), axis=1)
+    parent, child = (belief.poses[end, rows] for end, rows in zip(ends, taken, strict=True))
+    axes, _, _ = project(edge, poses.multiply(poses.inverse(parent), child))
+    return np.sqrt(np.mean(_around(axes - estimate, edge.wraps) ** 2, axis=0))
+
+
+def _around(difference: Array, wraps: NDArray[np.bool_]) -> Array:
+    """Differences (..., K) of positions, the short way round where an axis turns freely."""
+    return np.where(wraps, difference - 2 * np.pi * np.round(difference / (2 * np.pi)), difference)

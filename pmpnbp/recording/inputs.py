@@ -1,0 +1,174 @@
+"""What was an inference given? Its inputs, in a form that makes the same problem again on another machine."""
+
+from __future__ import annotations
+
+import io
+import json
+import posixpath
+import sqlite3
+import tempfile
+import zipfile
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from pmpnbp.geometry.camera import Camera
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference import problem as problem_module
+from pmpnbp.inference.problem import Problem
+from pmpnbp.recording.schema import pack, unpack
+from pmpnbp.scene.articulated_object import ArticulatedObject
+from pmpnbp.scene.model_files import ModelLimits, open_model
+from pmpnbp.scene.observation import Scan
+from pmpnbp.scene.observe import observe
+from pmpnbp.scene.prior import GaussianPrior, UniformPrior
+from pmpnbp.scene.urdf import load_model
+from pmpnbp.settings import Settings, changed, preset
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """model : the URDF or zip that was loaded; region : (6,), metres, world, or None; the rest as `problem.build`
+    takes it."""
+
+    model: Path
+    scans: tuple[Scan, ...]
+    region: Array | None
+    prior: UniformPrior | GaussianPrior
+    settings: Settings
+    particles: int
+    seed: int
+    method: str = "pmpnbp"
+
+    def problem(self) -> Problem:
+        """The problem these make. Raises PmpnbpError where they do not."""
+        model = load_model(self.model, triangle_budget=self.settings.triangles)
+        observation = observe(self.scans, self.region, width=self.settings.image_width)
+        return problem_module.build(
+            model, observation, self.prior, self.settings, particles=self.particles, seed=self.seed
+        )
+
+
+def store(connection: sqlite3.Connection, inputs: Inputs, model: ArticulatedObject) -> None:
+    """Write inputs, and the names of the `model` they lead to and of its parts, into a new recording."""
+    values = {
+        "version": _version(),
+        "method": inputs.method,
+        "model": model.name,
+        "parts": [{"name": part.name, "links": list(part.links)} for part in model.parts],
+        "settings": asdict(inputs.settings),
+        "prior": _prior_members(inputs.prior),
+        "region": None if inputs.region is None else [float(number) for number in inputs.region],
+        "particles": inputs.particles,
+        "seed": inputs.seed,
+    }
+    rows = [(name, json.dumps(value)) for name, value in values.items()]
+    connection.executemany("INSERT INTO inputs VALUES (?, ?)", rows)
+    connection.execute("INSERT INTO model VALUES (?, ?)", (inputs.model.stem + ".zip", model_zip(inputs.model)))
+    for number, scan in enumerate(inputs.scans):
+        camera = asdict(scan.camera) | {"pose_world_camera": scan.camera.pose_world_camera.tolist()}
+        connection.execute(
+            "INSERT INTO scans VALUES (?, ?, ?, ?, ?, ?, ?)",
+            (number, json.dumps(camera), scan.frame_id, scan.stamp, *pack(scan.depth)),
+        )
+
+
+def value(connection: sqlite3.Connection, name: str) -> Any:
+    """The entry `name` of the table `inputs`."""
+    return json.loads(connection.execute("SELECT value FROM inputs WHERE name = ?", (name,)).fetchone()[0])
+
+
+def scans(connection: sqlite3.Connection) -> tuple[Scan, ...]:
+    """The scans as they were read."""
+    found = []
+    rows = connection.execute("SELECT camera, frame_id, stamp, dtype, shape, depth FROM scans ORDER BY number")
+    for camera, frame_id, stamp, dtype, shape, data in rows:
+        members = json.loads(camera)
+        depth = unpack(dtype, shape, data).astype(np.float32, copy=False)
+        depth.setflags(write=False)
+        pose = np.array(members.pop("pose_world_camera"))
+        found.append(Scan(Camera(**members, pose_world_camera=pose), depth, frame_id, stamp))
+    return tuple(found)
+
+
+def restored_problem(connection: sqlite3.Connection) -> Problem:
+    """The problem of a recording, made again from its inputs."""
+    file_name, data = connection.execute("SELECT file_name, zip FROM model").fetchone()
+    region = value(connection, "region")
+    with tempfile.TemporaryDirectory(prefix="recording-") as folder:
+        path = Path(folder) / Path(file_name).name
+        path.write_bytes(data)
+        return Inputs(
+            path,
+            scans(connection),
+            None if region is None else np.array(region),
+            _prior(value(connection, "prior")),
+            changed(preset("robust"), value(connection, "settings")),
+            value(connection, "particles"),
+            value(connection, "seed"),
+            value(connection, "method"),
+        ).problem()
+
+
+def model_zip(path: Path) -> bytes:
+    """The model as one zip: the zip itself, or the URDF with the meshes it names, laid out so that it finds them.
+
+    The same model gives the same bytes. Raises ModelError where a mesh is missing.
+    """
+    limits = ModelLimits()
+    with open_model(path, limits) as files:
+        if files.from_zip:
+            return path.read_bytes()
+        urdf = files.read_urdf(limits)
+        entries = {f"{path.stem}.urdf": urdf}
+        for link in ElementTree.fromstring(urdf).iter("link"):
+            # a link's collision geometry is not read where it has visual geometry, and then need not be there
+            shapes = link.findall("visual") or link.findall("collision")
+            for mesh in (mesh for shape in shapes for mesh in shape.iter("mesh")):
+                filename = mesh.get("filename", "")
+                inside = filename.partition("://")[2] or filename
+                name = posixpath.normpath(inside.replace("\\", "/")).lstrip("/")
+                if name not in entries:
+                    entries[name] = files.read_mesh(filename, link.get("name", ""), limits)
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
+        for name, content in entries.items():
+            archive.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED)
+    return buffer.getvalue()
+
+
+def _prior_members(prior: UniformPrior | GaussianPrior) -> dict[str, Any]:
+    """Not the form of prior.json: reading that one normalises, and a replay has to have the same bits."""
+    if isinstance(prior, UniformPrior):
+        return {"kind": "uniform", "orientation": prior.orientation}
+    return {
+        "kind": "gaussian",
+        "link": prior.link,
+        "pose_world_link": np.asarray(prior.pose_world_link).tolist(),
+        "std_xyz": np.asarray(prior.std_xyz).tolist(),
+        "std_rpy": np.asarray(prior.std_rpy).tolist(),
+        "joints": {name: [float(position), float(std)] for name, (position, std) in prior.joints.items()},
+    }
+
+
+def _prior(members: dict[str, Any]) -> UniformPrior | GaussianPrior:
+    if members["kind"] == "uniform":
+        return UniformPrior(members["orientation"])
+    return GaussianPrior(
+        members["link"],
+        np.array(members["pose_world_link"]),
+        np.array(members["std_xyz"]),
+        np.array(members["std_rpy"]),
+        {name: (position, std) for name, (position, std) in members["joints"].items()},
+    )
+
+
+def _version() -> str:
+    try:
+        return version("pmpnbp")
+    except PackageNotFoundError:
+        return "unknown"

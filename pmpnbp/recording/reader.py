@@ -1,0 +1,264 @@
+"""Reads a recording: its iterations, the state after each, the problem they belong to, and why a weight is what it is."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import zlib
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.errors import RecordingError
+from pmpnbp.inference.belief import NEIGHBOUR, SOURCES, IterationReport, State
+from pmpnbp.inference.problem import Problem
+from pmpnbp.recording import inputs as inputs_module
+from pmpnbp.recording.arrays import Arrays, incoming_messages, to_report, to_state
+from pmpnbp.recording.schema import APPLICATION_ID, VERSION, unpack
+from pmpnbp.settings import Settings, changed, preset
+
+# What reading damaged bytes can raise.
+_DAMAGE = (sqlite3.DatabaseError, zlib.error, ValueError, KeyError, TypeError, IndexError)
+
+
+class Recording:
+    """A recording opened for reading; a context manager. It may still be written, or have been cut off.
+
+    Raises RecordingError where the file is none, or is newer than this version reads, and from each method for what is
+    damaged. Iterations before the damage can be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = Path(path)
+        self._problem: Problem | None = None
+        self._connection = self._open()
+        try:
+            application, version = (self._pragma(name) for name in ("application_id", "user_version"))
+            if application != APPLICATION_ID:
+                raise RecordingError(f"'{self._path.name}' is not a recording of pmpnbp")
+            if version > VERSION:
+                raise RecordingError(
+                    f"recording '{self._path.name}' has format {version}; this version reads up to {VERSION}"
+                )
+            self.parts: tuple[str, ...] = tuple(part["name"] for part in self._input("parts"))
+        except BaseException:
+            self._connection.close()
+            raise
+
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+
+    def inputs(self) -> dict[str, Any]:
+        """`version`, `method`, `model` (its name), `parts`, `settings`, `prior`, `region`, `particles` and `seed`, as
+        JSON has them."""
+        try:
+            rows = self._connection.execute("SELECT name, value FROM inputs").fetchall()
+            return {name: json.loads(value) for name, value in rows}
+        except _DAMAGE:
+            raise self._damaged("its inputs") from None
+
+    def settings(self) -> Settings:
+        """The settings of the inference."""
+        return changed(preset("robust"), self._input("settings"))
+
+    def problem(self) -> Problem:
+        """The problem, made again from model, scans, prior and settings; made once."""
+        if self._problem is None:
+            try:
+                self._problem = inputs_module.restored_problem(self._connection)
+            except _DAMAGE:
+                raise self._damaged("its model or scans") from None
+        return self._problem
+
+    def iterations(self) -> list[int]:
+        """Numbers of the iterations that can be read, ascending; those thinned out are not among them."""
+        found: list[int] = []
+        try:
+            for (number,) in self._connection.execute("SELECT number FROM iterations ORDER BY number"):
+                found.append(number)
+        except _DAMAGE:  # cut off: what came before is whole
+            pass
+        return [number for number in found if self._whole(number)]
+
+    def notes(self) -> list[str]:
+        """What the writer had to say, such as that it thinned out iterations."""
+        try:
+            return [text for (text,) in self._connection.execute("SELECT text FROM notes ORDER BY number")]
+        except _DAMAGE:
+            raise self._damaged("its notes") from None
+
+    def report(self, iteration: int) -> IterationReport:
+        """The report of an iteration, equal bit for bit to the one that was written."""
+        scalars = self._scalars(iteration)
+        return to_report(iteration, scalars, self._arrays(iteration))
+
+    def state(self, iteration: int) -> State:
+        """The state after an iteration; `advance` with it and `problem()` makes the next one again."""
+        self._scalars(iteration)
+        return to_state(iteration, self._arrays(iteration))
+
+    def why(self, iteration: int, part: int | str, particle: int) -> dict[str, Any]:
+        """Why a particle weighs what it does, and where it comes from.
+
+        log_weight = temperature * log_unary + log_prior + the sum of the messages' log_share + a constant of the part,
+        which `log_constant` is. Each of `messages` has its sender as `from`, its two factors there, `log_unary` and
+        `log_neighbour` (from the sender's other neighbours), and the joint draw that did best. Iterations of the search
+        have no messages: particles that belong to one hypothesis (`island`) share its whole-object score.
+        """
+        node = self._node(part)
+        report = self.report(iteration)
+        belief, messages = report.belief, report.messages
+        count = belief.log_weights.shape[1]
+        if not 0 <= particle < count:
+            raise RecordingError(f"particle {particle} is not in the recording; a part has particles 0 to {count - 1}")
+        lender = int(belief.neighbour[node, particle])
+        source = int(belief.source[node, particle])
+        shares = report.log_message_shares[node, particle]
+        senders = []
+        if messages is not None:
+            judged = messages.poses.shape[1]
+            for place, message in enumerate(incoming_messages(messages.receiver, len(self.parts))[node]):
+                if np.isnan(shares[place]):
+                    continue  # pooled: this particle is another message's
+                # pooled samples stand message after message, shared ones have the same number in all
+                row = particle if judged == count else particle - place * judged
+                senders.append(
+                    {
+                        "from": self.parts[int(messages.sender[message])],
+                        "log_share": float(shares[place]),
+                        "log_unary": float(messages.log_unary[message, row]),
+                        "log_neighbour": float(messages.log_neighbour[message, row]),
+                        "joint_draw": messages.joint_draw[message, row].tolist(),
+                    }
+                )
+        prior = self._log_prior(node, report, particle)
+        log_weight = float(belief.log_weights[node, particle])
+        tempered = float(report.temperature[node] * belief.log_unary[node, particle])
+        return {
+            "iteration": iteration,
+            "stage": report.stage,
+            "part": self.parts[node],
+            "particle": particle,
+            "pose": belief.poses[node, particle].tolist(),
+            "weight": float(np.exp(log_weight)),
+            "log_weight": log_weight,
+            "log_unary": float(belief.log_unary[node, particle]),
+            "temperature": float(report.temperature[node]),
+            "log_prior": prior,
+            "messages": senders,
+            "log_constant": log_weight - tempered - prior - sum(sender["log_share"] for sender in senders),
+            "source": SOURCES[source],
+            "ancestor": int(belief.ancestor[node, particle]),
+            "ancestor_part": self.parts[lender if source == NEIGHBOUR else node],
+            "neighbour": self.parts[lender] if lender >= 0 else None,
+            "island": int(belief.island[node, particle]),
+        }
+
+    def _log_prior(self, node: int, report: IterationReport, particle: int) -> float:
+        prior, settings = self._input("prior"), self.settings()
+        if prior["kind"] != "gaussian" or not settings.prior_factor or report.iteration == 0:
+            return 0.0
+        problem = self.problem()
+        if node != problem.prior_node:
+            return 0.0
+        return float(problem.log_prior(report.belief.poses[node, particle]))
+
+    def _node(self, part: int | str) -> int:
+        if isinstance(part, str) and part in self.parts:
+            return self.parts.index(part)
+        if isinstance(part, int) and 0 <= part < len(self.parts):
+            return part
+        raise RecordingError(f"part {part!r} is not in the recording; it has {', '.join(self.parts)}")
+
+    def _open(self) -> sqlite3.Connection:
+        if not self._path.is_file():
+            raise RecordingError(f"recording '{self._path.name}' is not there")
+        address = f"file:{quote(str(self._path.absolute()))}?mode=ro"
+        log = self._path.with_name(self._path.name + "-wal")
+        # in a folder that cannot be written SQLite finds no place for its index; without a log it needs none
+        attempts = (address,) if log.exists() else (address, f"{address}&immutable=1")
+        for number, attempt in enumerate(attempts):
+            connection = sqlite3.connect(attempt, uri=True, isolation_level=None, check_same_thread=False, timeout=10)
+            try:
+                # else a file that was cut short is refused as a whole; opened read-only, nothing can be harmed
+                connection.execute("PRAGMA writable_schema = ON")
+                connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+                return connection
+            except sqlite3.DatabaseError as error:
+                connection.close()
+                if number + 1 == len(attempts) or not isinstance(error, sqlite3.OperationalError):
+                    break
+        raise RecordingError(f"'{self._path.name}' is not a recording, or its beginning is damaged")
+
+    def _pragma(self, name: str) -> int:
+        try:
+            return int(self._connection.execute(f"PRAGMA {name}").fetchone()[0])
+        except _DAMAGE:
+            raise self._damaged("its header") from None
+
+    def _input(self, name: str) -> Any:
+        try:
+            return inputs_module.value(self._connection, name)
+        except _DAMAGE:
+            raise self._damaged("its inputs") from None
+
+    def _whole(self, iteration: int) -> bool:
+        try:
+            # the sizes are beside the bytes' first page, so this does not read them, but for a file that was cut short
+            query = "SELECT sum(length(data)) FROM arrays WHERE iteration = ?"
+            found = self._connection.execute(query, (iteration,)).fetchone()[0] is not None
+            if found and self._cut_short():
+                self._arrays(iteration)
+            return found
+        except (*_DAMAGE, RecordingError):
+            return False
+
+    def _cut_short(self) -> bool:
+        log = self._path.with_name(self._path.name + "-wal")
+        pages, size = self._pragma("page_count"), self._pragma("page_size")
+        return not log.exists() and pages * size > self._path.stat().st_size
+
+    def _scalars(self, iteration: int) -> dict[str, Any]:
+        query = "SELECT stage, tolerance, mle_score, seconds, notes FROM iterations WHERE number = ?"
+        try:
+            row = self._connection.execute(query, (iteration,)).fetchone()
+            if row is not None:
+                stage, tolerance, score, seconds, notes = row
+                return {
+                    "stage": stage, "tolerance": tolerance, "mle_score": score, "seconds": seconds,
+                    "notes": json.loads(notes),
+                }  # fmt: skip
+        except _DAMAGE:
+            raise self._damaged(f"iteration {iteration}") from None
+        known = self.iterations()
+        there = f"iterations {known[0]} to {known[-1]}" if known else "none"
+        raise RecordingError(f"iteration {iteration} is not in recording '{self._path.name}'; it has {there}")
+
+    def _arrays(self, iteration: int) -> Arrays:
+        query = "SELECT name, dtype, shape, data FROM arrays WHERE iteration = ?"
+        found: dict[str, NDArray[Any]] = {}
+        try:
+            for name, dtype, shape, data in self._connection.execute(query, (iteration,)):
+                found[name] = unpack(dtype, shape, data)
+                found[name].setflags(write=False)
+        except _DAMAGE:
+            raise self._damaged(f"iteration {iteration}") from None
+        if not found:
+            raise RecordingError(f"iteration {iteration} of recording '{self._path.name}' was thinned out")
+        return found
+
+    def _damaged(self, what: str) -> RecordingError:
+        return RecordingError(f"recording '{self._path.name}' is damaged: {what} cannot be read")

@@ -1,0 +1,67 @@
+"""What is in a recording? The tables, and how an array becomes bytes.
+
+| table | holds |
+| --- | --- |
+| `inputs` | JSON by name: version, method, model name, parts, settings, prior, region, particles, seed |
+| `model` | the model as a zip that can be loaded again |
+| `scans` | depth image, camera, frame and stamp of each scan |
+| `iterations` | a row an iteration: stage, tolerance, score, seconds, notes; stays when its arrays are thinned out |
+| `arrays` | the arrays of an iteration, by the names of `Belief`, `Messages`, `IterationReport` and `State` |
+| `notes` | what the writer has to say, such as that it thinned out iterations |
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+# "pmpn"; tells a recording from any other SQLite file.
+APPLICATION_ID = 0x706D706E
+VERSION = 1
+
+TABLES = """
+CREATE TABLE inputs (name TEXT PRIMARY KEY, value TEXT NOT NULL);
+CREATE TABLE model (file_name TEXT NOT NULL, zip BLOB NOT NULL);
+CREATE TABLE scans (number INTEGER PRIMARY KEY, camera TEXT NOT NULL, frame_id TEXT NOT NULL, stamp REAL,
+    dtype TEXT NOT NULL, shape TEXT NOT NULL, depth BLOB NOT NULL);
+CREATE TABLE iterations (number INTEGER PRIMARY KEY, stage TEXT NOT NULL, tolerance REAL NOT NULL, mle_score REAL,
+    seconds REAL NOT NULL, notes TEXT NOT NULL);
+CREATE TABLE arrays (iteration INTEGER NOT NULL, name TEXT NOT NULL, dtype TEXT NOT NULL, shape TEXT NOT NULL,
+    data BLOB NOT NULL, UNIQUE (iteration, name));
+CREATE TABLE notes (number INTEGER PRIMARY KEY, text TEXT NOT NULL);
+"""
+
+# A blob larger than this is not unpacked: no array of a recording is, so its header lies.
+LARGEST_ARRAY = 1 << 31
+
+
+def pack(array: NDArray[np.generic]) -> tuple[str, str, bytes]:
+    """Type, shape and bytes of an array.
+
+    Its bytes are sorted by their place in a number before they are compressed: sign and exponent of neighbours are
+    alike, the rest is noise that no effort makes smaller, hence zlib's fastest level.
+    """
+    values = np.ascontiguousarray(array)
+    little = values.astype(values.dtype.newbyteorder("<"), copy=False)
+    planes = little.reshape(-1).view(np.uint8).reshape(-1, little.dtype.itemsize).T
+    return little.dtype.str, json.dumps(array.shape), zlib.compress(planes.tobytes(), 1)
+
+
+def unpack(dtype: str, shape: str, data: bytes) -> NDArray[np.generic]:
+    """The array that `pack` was given. Raises ValueError or zlib.error where the bytes are not its."""
+    kind = np.dtype(dtype)
+    sizes = tuple(int(size) for size in json.loads(shape))
+    if kind.hasobject or min(sizes, default=0) < 0:
+        raise ValueError("no array of numbers")
+    expected = kind.itemsize * int(np.prod(sizes, dtype=object))
+    if expected > LARGEST_ARRAY:
+        raise ValueError("array too large")
+    unpacker = zlib.decompressobj()
+    raw = unpacker.decompress(data, expected + 1)
+    if len(raw) != expected or (expected and not unpacker.eof and unpacker.decompress(b"", 1)):
+        raise ValueError("array of another size")
+    planes = np.frombuffer(raw, dtype=np.uint8).reshape(kind.itemsize, -1)
+    return np.ascontiguousarray(planes.T).reshape(-1).view(kind).reshape(sizes)

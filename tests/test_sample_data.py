@@ -1,0 +1,194 @@
+"""Does the sample data tell the truth about itself, and can it be made again?"""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.camera import Camera
+from sample_data import generate, sensor
+from sample_data.rendering import BACKGROUND, RayCast, bounds, cast, link_meshes, load
+from sample_data.scenes import KINDS, held_out_scene
+
+SAMPLES = Path(generate.__file__).parent
+SCANS = {
+    **{f"cabinet/{name}": "cabinet/cabinet.urdf" for name in (*generate.CABINET_SCENES, "second_view")},
+    **{f"robot/{name}": "robot/robot.urdf" for name in generate.ROBOT_SCANS},
+    "door/ajar": "door/door.urdf",
+}
+HELD_OUT = [(kind, seed) for kind in KINDS for seed in (0, 5)]
+
+
+def read(path: Path) -> dict:
+    return json.loads(path.read_text())
+
+
+def read_depth(folder: Path) -> np.ndarray:
+    return np.asarray(Image.open(folder / "depth.png")).astype(np.float64) / 1000
+
+
+def read_camera(folder: Path) -> Camera:
+    entries = read(folder / "camera.json")
+    pose = poses.from_matrix(np.reshape(entries["T_world_camera"], (4, 4)))
+    return Camera(*(entries[key] for key in ("width", "height", "fx", "fy", "cx", "cy")), pose)
+
+
+def true_surfaces(urdf: Path, folder: Path) -> dict:
+    """The links' surfaces where truth.json says that they are: not by the generator's own kinematics."""
+    matrices = read(folder / "truth.json")["links"]
+    meshes = link_meshes(load(urdf.read_text(), urdf.parent), urdf.parent)
+    return {name: mesh.apply_transform(np.array(matrices[name])) for name, mesh in meshes.items()}
+
+
+def assert_truth_explains_depth(urdf: Path, folder: Path) -> None:
+    """Rendered from truth.json, nothing is seen through, and where the object is measured it is measured there.
+
+    Away from outlines a pixel on the object is off by axial noise and quantisation alone. Pixels of occluders and
+    clutter lie in front of the rendered object, so only those behind it, or within six sigma of it, are judged.
+    """
+    camera, depth = read_camera(folder), read_depth(folder)
+    seen: RayCast = cast(list(true_surfaces(urdf, folder).values()), camera)
+    inside = seen.index != BACKGROUND
+    near = sensor.at_edge(seen.depth)
+    for shift in (-2, -1, 1, 2):
+        near |= np.roll(near, shift, 0) | np.roll(near, shift, 1)
+    judged = inside & ~near & (depth > 0)
+    assert judged.sum() > 2000
+    step = sensor.DISPARITY_STEP / sensor.FOCAL_BASELINE * seen.depth**2
+    sigma = np.sqrt(sensor.axial_sigma(seen.depth) ** 2 + step**2 / 12)
+    error = (depth - seen.depth)[judged] / sigma[judged]
+    assert np.mean(error > 6) < 1e-3  # seen through
+    on = np.abs(error) < 6
+    assert on.mean() > 0.3
+    # An unbiased sensor of that sigma: with thousands of pixels both figures scatter by under 0.03.
+    assert abs(np.median(error[on])) < 0.1
+    assert 0.85 < np.std(error[on]) < 1.15
+    for index in np.unique(seen.index[judged]):
+        own = error[(seen.index[judged] == index) & on]
+        if own.size > 300:  # the median of 300 scatters by 0.07
+            assert abs(np.median(own)) < 0.35
+
+
+@pytest.mark.parametrize("scan", SCANS)
+def test_the_truth_explains_the_depth(scan: str) -> None:
+    assert_truth_explains_depth(SAMPLES / SCANS[scan], SAMPLES / scan)
+
+
+@pytest.mark.parametrize("scan", SCANS)
+def test_region_is_the_box_of_the_truth_ten_centimetres_wider(scan: str) -> None:
+    region = read(SAMPLES / scan / "region.json")["region"]
+    box = bounds(true_surfaces(SAMPLES / SCANS[scan], SAMPLES / scan))
+    np.testing.assert_allclose(region, box + [-0.1, -0.1, -0.1, 0.1, 0.1, 0.1], atol=1e-3)
+
+
+@pytest.mark.parametrize("scan", SCANS)
+def test_truth_names_every_link_and_moving_joint_within_its_limits(scan: str) -> None:
+    tree = ET.parse(SAMPLES / SCANS[scan]).getroot()
+    truth = read(SAMPLES / scan / "truth.json")
+    assert set(truth["links"]) == {link.get("name") for link in tree.findall("link")}
+    moving = {joint.get("name"): joint for joint in tree.findall("joint") if joint.get("type") != "fixed"}
+    assert set(truth["joints"]) == set(moving)
+    for name, position in truth["joints"].items():
+        limit = moving[name].find("limit")
+        if limit is not None:
+            assert float(limit.get("lower")) <= position <= float(limit.get("upper"))
+
+
+def test_scenes_hide_what_they_are_meant_to_hide() -> None:
+    visible = {
+        name: read(SAMPLES / "cabinet" / name / "truth.json")["visible_fraction"]
+        for name in (*generate.CABINET_SCENES, "second_view")
+    }
+    assert visible["self_occluded"]["drawer2"] < 0.1 < visible["second_view"]["drawer2"]
+    assert visible["blanket"]["drawer1"] < 0.5 < visible["open"]["drawer1"]
+    assert visible["arm"]["handle2"] < visible["second_view"]["handle2"]
+    assert all(read(SAMPLES / "cabinet/closed/truth.json")["joints"][f"slide{k}"] == 0 for k in (1, 2, 3))
+
+
+def test_a_truth_that_is_a_centimetre_wrong_is_noticed(tmp_path: Path) -> None:
+    for scan, link in (("cabinet/open", "drawer2"), ("robot/scan_0", "elbow"), ("door/ajar", "door1")):
+        folder = tmp_path / scan
+        folder.mkdir(parents=True)
+        for name in ("depth.png", "camera.json"):
+            (folder / name).write_bytes((SAMPLES / scan / name).read_bytes())
+        truth = read(SAMPLES / scan / "truth.json")
+        towards = read_camera(SAMPLES / scan).pose_world_camera[:3] - np.array(truth["links"][link])[:3, 3]
+        moved = np.array(truth["links"][link])
+        moved[:3, 3] += 0.01 * towards / np.linalg.norm(towards)
+        truth["links"][link] = moved.tolist()
+        (folder / "truth.json").write_text(json.dumps(truth))
+        with pytest.raises(AssertionError):
+            assert_truth_explains_depth(SAMPLES / SCANS[scan], folder)
+
+
+def test_two_views_are_of_one_scene() -> None:
+    first, second = (read(SAMPLES / "cabinet" / name / "truth.json") for name in ("self_occluded", "second_view"))
+    assert first["links"] == second["links"]
+
+
+def test_all_of_it_is_at_most_ten_megabytes() -> None:
+    files = [path for path in SAMPLES.rglob("*") if path.is_file() and path.suffix != ".pyc"]
+    assert 1_000_000 < sum(path.stat().st_size for path in files) <= 10_000_000
+
+
+def test_a_scene_is_made_again_bit_for_bit(tmp_path: Path) -> None:
+    generate.write_cabinet(tmp_path, ("open",))
+    for name in ("depth.png", "camera.json", "truth.json", "region.json", "prior.json"):
+        assert (tmp_path / "open" / name).read_bytes() == (SAMPLES / "cabinet/open" / name).read_bytes(), name
+    assert (tmp_path / "cabinet.urdf").read_bytes() == (SAMPLES / "cabinet/cabinet.urdf").read_bytes()
+
+
+@pytest.mark.parametrize(("kind", "seed"), HELD_OUT)
+def test_random_scenes_are_whole_in_view_and_true(kind: str, seed: int, tmp_path: Path) -> None:
+    folder = held_out_scene(kind, seed, tmp_path)
+    assert_truth_explains_depth(folder / "model.urdf", folder)
+    camera = read_camera(folder)
+    vertices = np.concatenate([mesh.vertices for mesh in true_surfaces(folder / "model.urdf", folder).values()])
+    pixels = camera.project(poses.transform_points(poses.inverse(camera.pose_world_camera), vertices))
+    assert pixels[:, :2].min() > 0
+    assert np.all(pixels[:, :2].max(axis=0) < [camera.width, camera.height])
+    assert vertices[:, 2].min() > -1e-6
+    prior, truth = read(folder / "prior.json"), read(folder / "truth.json")
+    position = np.array([prior["pose"]["position"][axis] for axis in "xyz"])
+    assert 0 < np.linalg.norm(position - np.array(truth["links"][prior["link"]])[:3, 3]) < 5 * 0.08 * np.sqrt(3)
+
+
+def test_random_scenes_depend_on_the_seed_and_on_nothing_else(tmp_path: Path) -> None:
+    again = [held_out_scene("door", 3, tmp_path / place) for place in ("first", "second")]
+    assert (again[0] / "depth.png").read_bytes() == (again[1] / "depth.png").read_bytes()
+    assert KINDS["door"](3)[0] != KINDS["door"](4)[0]
+
+
+def test_an_unknown_kind_is_named_with_the_known_ones(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="kind 'table' is not one of cabinet, door, chain"):
+        held_out_scene("table", 0, tmp_path)
+
+
+def test_sensor_noise_has_the_stated_spread() -> None:
+    """False-alarm rate: below 1e-6 a depth (the standard deviation of 40 000 draws scatters by 0.35 %)."""
+    rng = np.random.default_rng(0)
+    for z in (0.8, 1.5, 2.5):
+        flat = np.full((200, 200), z)
+        measured = sensor.measured(flat, np.ones_like(flat), rng)
+        valid = measured[measured > 0] / 1000
+        step = sensor.DISPARITY_STEP / sensor.FOCAL_BASELINE * z**2
+        expected = np.sqrt(sensor.axial_sigma(np.array(z)) ** 2 + step**2 / 12 + 0.001**2 / 12)
+        # Where a step is wide beside sigma the quantisation error is not uniform: allow for it.
+        assert np.std(valid) == pytest.approx(expected, rel=0.15)
+        assert 0.985 < valid.size / flat.size < 0.995
+
+
+def test_sensor_loses_edges_and_grazing_surfaces() -> None:
+    rng = np.random.default_rng(1)
+    depth = np.where(np.arange(100) < 50, 1.0, 1.5) * np.ones((100, 1))
+    cosine = np.where(np.arange(100) < 20, np.cos(np.deg2rad(81)), 1.0) * np.ones((100, 1))
+    lost = sensor.measured(depth, cosine, rng) == 0
+    assert lost[:, :20].all()
+    assert 0.4 < lost[:, 49:51].mean() < 0.8
+    assert lost[:, 25:45].mean() < 0.05

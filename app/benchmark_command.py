@@ -1,4 +1,4 @@
-"""`pmpnbp benchmark`: runs the workloads of the project's `benchmarks/` folder, which is not installed with the package."""
+"""`pmpnbp benchmark`: runs the workloads in the project's `benchmarks/` folder, which is not installed."""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ class BenchmarkError(PmpnbpError):
 
 
 def run(out: Path | None, project: Path = PROJECT) -> int:
-    """Run `benchmarks.run.main(out)` of the `project` folder and return 0. Raises BenchmarkError where it is missing."""
+    """Run `benchmarks.run.main(out)` of the folder `project`; return 0. Raises BenchmarkError where it is missing."""
     if not (project / "benchmarks" / "run.py").is_file():
-        raise BenchmarkError("the benchmarks are not installed with the package, run this from a checkout of the project")
+        raise BenchmarkError(
+            "the benchmarks are not installed with the package; run this from a checkout of the project"
+        )
     if str(project) not in sys.path:
         sys.path.insert(0, str(project))
     importlib.import_module("benchmarks.run").main(out)

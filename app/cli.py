@@ -124,9 +124,7 @@ def _add_estimate(commands: argparse._SubParsersAction[_Parser]) -> None:
     add(
         "--method", choices=("pmpnbp", "particle_filter"), default="pmpnbp", help="default: %(default)s",
     )  # fmt: skip
-    add(
-        "--particles", type=_whole(2, 20_000), default=400, metavar="N", help="of each part; default: %(default)s"
-    )
+    add("--particles", type=_whole(2, 20_000), default=400, metavar="N", help="of each part; default: %(default)s")
     add(
         "--iterations", type=_whole(0, 100_000), default=100, metavar="N",
         help="at most; the run ends earlier once converged; default: %(default)s",
@@ -138,7 +136,7 @@ def _add_estimate(commands: argparse._SubParsersAction[_Parser]) -> None:
     )  # fmt: skip
     add(
         "--config", type=_assignment, metavar="NAME=VALUE", action="append", default=[],
-        help="a setting, more than once if need be; `pmpnbp settings` lists them; preset=paper is the paper's algorithm",
+        help="a setting, may be given again; `pmpnbp settings` lists them; preset=paper is the paper's algorithm",
     )  # fmt: skip
     add("--truth", type=Path, metavar="FILE", help="truth.json; adds the errors against it (ADD, ADD-S) to the result")
     add("--out", type=Path, metavar="FILE", help="where the result goes; default: standard output")
@@ -154,7 +152,7 @@ def _add_settings(commands: argparse._SubParsersAction[_Parser]) -> None:
 
 def _add_benchmark(commands: argparse._SubParsersAction[_Parser]) -> None:
     command = commands.add_parser("benchmark", help="measure speeds, as ratios against references in the same run")
-    command.add_argument("--out", type=Path, metavar="FILE", help="where the figures go, as JSON; default: a table only")
+    command.add_argument("--out", type=Path, metavar="FILE", help="where the figures go, as JSON")
     command.set_defaults(run=_benchmark)
 
 

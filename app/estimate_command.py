@@ -12,7 +12,6 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,7 +51,10 @@ def run(arguments: argparse.Namespace) -> int:
     progressed = Progressed(began=time.perf_counter())
     interrupted = False
     try:
-        with _recorder(arguments.recording, inputs, problem) as recorder, Progress(arguments.iterations, arguments.quiet) as bar:
+        with (
+            _recorder(arguments.recording, inputs, problem) as recorder,
+            Progress(arguments.iterations, arguments.quiet) as bar,
+        ):
             for report in _iterations(problem, arguments.iterations, recorder, progressed):
                 bar.show(report)
             bar.finished(progressed.converged)
@@ -162,8 +164,8 @@ def _cameras(cameras: Sequence[Path], scans: Sequence[Path]) -> list[Path | None
 
 
 def _check_method(method: str) -> None:
-    if method == "particle_filter" and find_spec("pmpnbp.inference.particle_filter") is None:
-        raise SettingError("method 'particle_filter' comes with a later version; this one has pmpnbp")
+    if method != "pmpnbp":
+        raise SettingError(f"method '{method}' comes with a later version; this one has pmpnbp")
 
 
 def _truth(path: Path) -> dict[str, Any]:

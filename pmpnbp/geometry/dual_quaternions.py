@@ -46,9 +46,7 @@ def multiply(a: Array, b: Array) -> Array:
 
 def conjugate(dq: Array) -> Array:
     """Quaternion conjugate [q_r*][q_d*] of `dq` (..., 8): the inverse of a unit dual quaternion."""
-    return np.concatenate(
-        [poses.quaternion_conjugate(dq[..., :4]), poses.quaternion_conjugate(dq[..., 4:])], axis=-1
-    )
+    return np.concatenate([poses.quaternion_conjugate(dq[..., :4]), poses.quaternion_conjugate(dq[..., 4:])], axis=-1)
 
 
 def dual_conjugate(dq: Array) -> Array:
@@ -107,9 +105,7 @@ def power(dq: Array, exponent: Array | float) -> Array:
     # A dual angle (half + eps half_slide) about the line (direction, moment): Kavan et al. 2006.
     cos, sin = np.cos(exponent * half), np.sin(exponent * half)
     slide = exponent * half_slide
-    screw = np.concatenate(
-        [cos, sin * direction, -slide * sin, sin * moment + slide * cos * direction], axis=-1
-    )
+    screw = np.concatenate([cos, sin * direction, -slide * sin, sin * moment + slide * cos * direction], axis=-1)
     straight = np.concatenate(
         [np.ones_like(cos), exponent * dq[..., 1:4], np.zeros_like(cos), exponent * dq[..., 5:8]], axis=-1
     )

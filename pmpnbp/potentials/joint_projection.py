@@ -36,7 +36,7 @@ class Gearing:
 
 
 def gearing(edge: Edge) -> Gearing:
-    """The free motions of `edge`: each is the first of the axes that follow one joint, in that axis's own units."""
+    """The free motions of `edge`: each is the first moving one of the axes that follow one joint, in its own units."""
     columns: list[Array] = []
     offset = np.zeros(len(edge.axes))
     leaders: list[int] = []
@@ -52,9 +52,13 @@ def gearing(edge: Edge) -> Gearing:
             offset[k] = edge.offset[k] - column[k] * edge.offset[leader]
         columns.append(column)
         leaders.append(leader)
-    return Gearing(
-        np.stack(columns, axis=-1), offset, edge.lower[leaders], edge.upper[leaders], edge.wraps[leaders]
-    )
+    return Gearing(np.stack(columns, axis=-1), offset, edge.lower[leaders], edge.upper[leaders], edge.wraps[leaders])
+
+
+def limit_axes(edge: Edge) -> tuple[Array, Array]:
+    """Axis positions (K,), (K,) with every free motion at its lower, and at its upper limit."""
+    free = gearing(edge)
+    return free.matrix @ free.lower + free.offset, free.matrix @ free.upper + free.offset
 
 
 def project(
@@ -71,8 +75,8 @@ def project(
     if len(edge.axes) == 1:
         axes = _single(edge, pose_parent_child)
     else:
-        flat = np.ascontiguousarray(np.broadcast_to(pose_parent_child, pose_parent_child.shape)).reshape(-1, 7)
-        axes = _chain(edge, flat, length_per_radian).reshape(*pose_parent_child.shape[:-1], len(edge.axes))
+        flat = _chain(edge, pose_parent_child.reshape(-1, 7), length_per_radian)
+        axes = flat.reshape(*pose_parent_child.shape[:-1], len(edge.axes))
     return axes, *residual(edge, pose_parent_child, axes)
 
 
@@ -138,22 +142,23 @@ def _spread(count: int, free: Gearing) -> Array:
 
 
 def _step(edge: Edge, free: Gearing, target: Array, q: Array, length: float) -> tuple[Array, Array]:
-    """One damped Gauss-Newton step of `q` (S, B, F) within the bounds; steps that make it worse are not taken."""
+    """One Gauss-Newton step of `q` (S, B, F) within the bounds, or a short one if that is better, or none."""
     error, jacobian, cost = _linearised(edge, free, target, q, length)
     gradient = np.einsum("...ef,...e->...f", jacobian, error)
     hessian = np.einsum("...ef,...eg->...fg", jacobian, jacobian)
     held = ~free.wraps & (((q <= free.lower) & (gradient < 0)) | ((q >= free.upper) & (gradient > 0)))
     hessian = np.where(held[..., None] | held[..., None, :], 0.0, hessian)
     diagonal = np.arange(q.shape[-1])
-    hessian[..., diagonal, diagonal] += np.where(held, 1.0, 1e-9)
-    change = np.linalg.solve(hessian, np.where(held, 0.0, gradient)[..., None])[..., 0]
-    moved = _within(free, q + change)
-    again = _cost(edge, free, target, moved, length)
-    half = _within(free, q + 0.3 * change)
-    again_half = _cost(edge, free, target, half, length)
-    best = np.where((again <= again_half)[..., None], moved, half)
-    least = np.minimum(again, again_half)
-    return np.where((least < cost)[..., None], best, q), np.minimum(least, cost)
+    size = np.trace(hessian, axis1=-2, axis2=-1)[..., None]
+    gradient = np.where(held, 0.0, gradient)
+    for damping in (1e-9, 0.1):
+        damped = hessian.copy()
+        damped[..., diagonal, diagonal] += np.where(held, 1.0, damping * size + 1e-12)
+        moved = _within(free, q + np.linalg.solve(damped, gradient[..., None])[..., 0])
+        reached = _cost(edge, free, target, moved, length)
+        better = reached < cost
+        q, cost = np.where(better[..., None], moved, q), np.where(better, reached, cost)
+    return q, cost
 
 
 def _within(free: Gearing, q: Array) -> Array:
@@ -162,7 +167,9 @@ def _within(free: Gearing, q: Array) -> Array:
 
 
 def _error(end: Array, target: Array, length: float) -> Array:
-    turn = poses.to_rotation_vector(poses.quaternion_multiply(target[..., 3:], poses.quaternion_conjugate(end[..., 3:])))
+    turn = poses.to_rotation_vector(
+        poses.quaternion_multiply(target[..., 3:], poses.quaternion_conjugate(end[..., 3:]))
+    )
     return np.concatenate([target[..., :3] - end[..., :3], length * turn], axis=-1)
 
 

@@ -86,9 +86,7 @@ def prepare_surfaces(
     )
 
 
-def _outward(
-    vertices: NDArray[np.float32], faces: NDArray[np.int32]
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _outward(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Faces (F, 3) with those of closed pieces turned outward, and (F,) 1 for these, 0 for the rest.
 
     A piece is closed where each of its edges belongs to two faces that run along it in opposite ways, vertices at the

@@ -116,9 +116,7 @@ def render(
     return _drawn(camera, surfaces, _checked(poses_world_part, (len(surfaces.centres), 7)), -1)
 
 
-def visible_fractions(
-    observation: Observation, surfaces: Surfaces, poses_world_part: Array, tolerance: float
-) -> Array:
+def visible_fractions(observation: Observation, surfaces: Surfaces, poses_world_part: Array, tolerance: float) -> Array:
     """Fractions (N,), 0 to 1: of the pixels that each part would cover alone, those in which it is in front of all
     other parts and the observation is not more than `tolerance` metres in front of it; the largest over the views.
 
@@ -157,9 +155,7 @@ def _prepared(view: View) -> tuple[NDArray[np.int32], Array, Array]:
     return packed, _lens(view.camera), poses.inverse(np.asarray(view.camera.pose_world_camera, dtype=np.float64))
 
 
-def _drawn(
-    camera: Camera, surfaces: Surfaces, pose: Array, only: int
-) -> tuple[NDArray[np.float32], NDArray[np.int16]]:
+def _drawn(camera: Camera, surfaces: Surfaces, pose: Array, only: int) -> tuple[NDArray[np.float32], NDArray[np.int16]]:
     pose_camera_world = poses.inverse(np.asarray(camera.pose_world_camera, dtype=np.float64))
     depth, number = rasteriser.draw(
         pose, only, _lens(camera), pose_camera_world, surfaces.mesh, camera.width, camera.height

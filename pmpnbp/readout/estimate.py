@@ -23,7 +23,7 @@ from pmpnbp.readout.metrics import add, add_s, model_points
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 
 SCHEMA = "pmpnbp/estimate-1"
-# The scan may be this much in front of a part's surface, metres, and still be the part: noise, and a slightly wrong pose.
+# The scan may be this much in front of a part's surface, metres, and still be the part: noise, a slightly wrong pose.
 VISIBLE_TOLERANCE = 0.02
 
 
@@ -160,9 +160,9 @@ def agreeing(problem: Problem, report: IterationReport) -> tuple[Array, Array]:
     """Root pose (7,) and joint vector (D,) of the report's estimate.
 
     Where the report's part poses are those of the tree, as the whole-object estimate leaves them, they are taken as
-    they are. Where each part's pose is its own best particle (the paper's estimate, and the start), each part in turn is
-    kept where it is and the others are brought as near to their own as the joints allow; of these configurations the
-    one stands that, rendered whole, explains the scan best.
+    they are. Where each part's pose is its own best particle (the paper's estimate, and the start), each part in turn
+    is kept where it is and the others are brought as near to their own as the joints allow; of these configurations
+    the one stands that, rendered whole, explains the scan best.
     """
     model = problem.mrf.model
     joints = report.mle_joints

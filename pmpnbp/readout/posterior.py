@@ -36,7 +36,7 @@ class Mode:
 
 
 def covariance(estimate: Array, particles: Array, weights: Array) -> Array:
-    """(6, 6): weighted second moment of poses (T, 7) about the pose `estimate` (7,), weights (T,) of any sum above zero.
+    """(6, 6): weighted second moment of poses (T, 7) about the pose `estimate` (7,), weights (T,) not all zero.
 
     ROS's order: x, y, z, then the rotation about axes through the estimate's origin parallel to the world's X, Y, Z.
     Square metres, metre-radians, square radians.

@@ -1,4 +1,4 @@
-"""Reads a recording: its iterations, the state after each, the problem they belong to, and why a weight is what it is."""
+"""Reads a recording: iterations, the state after each, the problem they belong to, and why a weight is what it is."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Writes a recording beside the inference: iterations go into a queue, a thread packs and commits them.
 
-Each iteration is one transaction in SQLite's write-ahead log, so a reader sees whole iterations only, and a process that
-is killed leaves all those that were committed. A power cut may lose the last few, never the file.
+Each iteration is one transaction in SQLite's write-ahead log, so a reader sees whole iterations only, and a process
+that is killed leaves all those that were committed. A power cut may lose the last few, never the file.
 """
 
 from __future__ import annotations
@@ -135,8 +135,8 @@ class RecordingWriter:
         run = self._connection.execute
         run("DELETE FROM arrays WHERE iteration % ? AND iteration != ?", (self._stride, newest))
         text = (
-            f"at iteration {newest} the recording reached {self._max_bytes} bytes; of all iterations, earlier ones too, "
-            f"every {self._stride}th is kept from here on, and the newest"
+            f"at iteration {newest} the recording reached {self._max_bytes} bytes; of all iterations, earlier ones "
+            f"too, every {self._stride}th is kept from here on, and the newest"
         )
         run("INSERT INTO notes (text) VALUES (?)", (text,))
 
@@ -155,7 +155,9 @@ def make_way(path: Path) -> None:
             with path.open("rb") as file:
                 header = file.read(100)
             if header[:15] != b"SQLite format 3" or header[68:72] != APPLICATION_ID.to_bytes(4, "big"):
-                raise RecordingError(f"'{path.name}' is there and is no recording; expected a new name or a recording's")
+                raise RecordingError(
+                    f"'{path.name}' is there and is no recording; expected a new name, or an old recording"
+                )
         for old in (path, path.with_name(path.name + "-wal"), path.with_name(path.name + "-shm")):
             old.unlink(missing_ok=True)
     except OSError as error:

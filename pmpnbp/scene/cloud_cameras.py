@@ -71,14 +71,11 @@ def look_at_loose_cloud(
     an image of holes would say that nothing was measured. Raises ScanError where no point is in front of the sensor,
     or in the picture of the camera that was given.
     """
-    local = points if camera is not None else _in_sensor_frame(points, viewpoint)
-    local = local[local[:, 2] > 1e-6].astype(np.float64)
+    in_front = points if camera is not None else _in_sensor_frame(points, viewpoint)
+    local: Array = in_front[in_front[:, 2] > 1e-6].astype(np.float64)
     if len(local) == 0:
         raise ScanError(f"scan '{name}' has no valid point in front of its sensor (z above 0, at most 1 km)")
-    if camera is None:
-        camera = _virtual_camera(local, viewpoint, name)
-    else:
-        camera = _no_finer_than(local, camera, name)
+    camera = _virtual_camera(local, viewpoint, name) if camera is None else _no_finer_than(local, camera, name)
     pixel, within = _pixels(local, camera)
     depth = np.full(camera.width * camera.height, np.inf, dtype=np.float32)
     np.minimum.at(depth, pixel[:, 1] * camera.width + pixel[:, 0], local[within, 2].astype(np.float32))
@@ -89,7 +86,7 @@ def look_at_loose_cloud(
 def _pixels(points: Array, camera: Camera) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Column and row (K, 2) of those of `points` (N, 3), z above 0, that lie in the picture, and which (N,) bool."""
     seen = np.rint(camera.project(points)[:, :2])
-    within = ((seen >= 0) & (seen < [camera.width, camera.height])).all(axis=1)
+    within: NDArray[np.bool_] = np.all((seen >= 0) & (seen < [camera.width, camera.height]), axis=1)
     return seen[within].astype(np.int64), within
 
 
@@ -98,18 +95,15 @@ def _no_finer_than(points: Array, camera: Camera, name: str) -> Camera:
     pixel, _ = _pixels(points, camera)
     if len(pixel) == 0:
         raise ScanError(f"no point of scan '{name}' is in the picture of its camera; expected points in its frame")
-    factor = int(np.ceil(np.sqrt(POINTS_PER_PIXEL / _density(pixel.astype(np.float64)))))
-    # A regular grid of one point per pixel leaves no holes and wants no binning.
-    if factor <= 2 and len(np.unique(pixel, axis=0)) > 0.9 * len(pixel) and _density(pixel) > 0.7:
-        return camera
+    factor = round(float(np.sqrt(POINTS_PER_PIXEL / _density(pixel.astype(np.float64)))))
     factor = min(factor, camera.width, camera.height)
     return camera if factor <= 1 else camera.binned(0, 0, factor, camera.width // factor, camera.height // factor)
 
 
-def _density(places: NDArray[np.floating] | NDArray[np.integer]) -> float:
+def _density(places: Array) -> float:
     """Points per unit of area where the points `places` (N, 2) are: the median over them of the density of their cell
     of a coarse grid, so that neither empty space nor a few strays count."""
-    cells = 64
+    cells = int(np.clip(np.sqrt(len(places) / 8), 1, 64))
     low = places.min(axis=0)
     span = np.maximum(np.ptp(places, axis=0), 1e-3)
     cell = np.minimum(((places - low) / span * cells).astype(np.int64), cells - 1)
@@ -162,9 +156,9 @@ def _line(slope: Array, pixel: Array) -> tuple[float, float, float] | None:
     return focal, centre, float(np.median(residual[np.isfinite(residual)]))
 
 
-def _virtual_camera(points: NDArray[np.floating], viewpoint: Array, name: str) -> Camera:
+def _virtual_camera(points: Array, viewpoint: Array, name: str) -> Camera:
     """A camera at `viewpoint` (7,) that covers `points` (N, 3) of its frame, all with z above 0."""
-    slopes = points[:, :2].astype(np.float64) / points[:, 2:3].astype(np.float64)
+    slopes = points[:, :2] / points[:, 2:]
     slopes = slopes[(np.abs(slopes) < WIDEST).all(axis=1)]
     if len(slopes) == 0:
         raise ScanError(f"scan '{name}' has no point within 65 degrees of its sensor's z axis")

@@ -97,7 +97,8 @@ def check_length(count: int, record: int, present: int, name: str) -> None:
     """Raise ScanError where `count` points of `record` bytes are more than the `present` bytes."""
     if count * record > present:
         raise ScanError(
-            f"scan '{name}' is cut short: {count} points of {record} bytes need {count * record} bytes, and {present} are there"
+            f"scan '{name}' is cut short: {count} points of {record} bytes need {count * record} bytes, "
+            f"and {present} are there"
         )
 
 

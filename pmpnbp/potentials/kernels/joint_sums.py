@@ -16,6 +16,7 @@ Every row is summed by one thread in a fixed order: the result does not depend o
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -90,60 +91,42 @@ def _off_slide(nx, ny, nz, lower, upper, dx, dy, dz):  # type: ignore[no-untyped
 
 
 @njit(nogil=True, fastmath=True)
-def _prismatic_row(o, inner, behind, begin, count, outer_is_parent, lower, upper, kp, ko, out):  # type: ignore[no-untyped-def]
-    ox, oy, oz, onx, ony, onz, oqw, oqx, oqy, oqz = o[0], o[1], o[2], o[3], o[4], o[5], o[6], o[7], o[8], o[9]
-    x, y, z, nx, ny, nz = (
-        inner[0, begin:],
-        inner[1, begin:],
-        inner[2, begin:],
-        inner[3, begin:],
-        inner[4, begin:],
-        inner[5, begin:],
-    )
-    qw, qx, qy, qz = inner[6, begin:], inner[7, begin:], inner[8, begin:], inner[9, begin:]
+def _prismatic_row(o, t, behind, begin, end, outer_is_parent, lower, upper, kp, ko, out):  # type: ignore[no-untyped-def]
+    x, y, z, nx, ny, nz, qw, qx, qy, qz = o[0], o[1], o[2], o[3], o[4], o[5], o[6], o[7], o[8], o[9]
     least = _LARGEST
     if outer_is_parent:
-        for j in range(count):
-            off = _off_slide(onx, ony, onz, lower, upper, x[j] - ox, y[j] - oy, z[j] - oz)
-            turn = _angle_squared(_apart(oqw, oqx, oqy, oqz, qw[j], qx[j], qy[j], qz[j]))
-            v = behind[j] + kp * off + ko * turn
-            out[j] = v
-            least = min(least, np.float32(v).view(np.int32))
+        for j in range(begin, end):
+            off = _off_slide(nx, ny, nz, lower, upper, t[0, j] - x, t[1, j] - y, t[2, j] - z)
+            turn = _angle_squared(_apart(qw, qx, qy, qz, t[6, j], t[7, j], t[8, j], t[9, j]))
+            cost = behind[j] + kp * off + ko * turn
+            out[j] = cost
+            least = min(least, np.float32(cost).view(np.int32))
     else:
-        for j in range(count):
-            off = _off_slide(nx[j], ny[j], nz[j], lower, upper, ox - x[j], oy - y[j], oz - z[j])
-            turn = _angle_squared(_apart(oqw, oqx, oqy, oqz, qw[j], qx[j], qy[j], qz[j]))
-            v = behind[j] + kp * off + ko * turn
-            out[j] = v
-            least = min(least, np.float32(v).view(np.int32))
+        for j in range(begin, end):
+            off = _off_slide(t[3, j], t[4, j], t[5, j], lower, upper, x - t[0, j], y - t[1, j], z - t[2, j])
+            turn = _angle_squared(_apart(qw, qx, qy, qz, t[6, j], t[7, j], t[8, j], t[9, j]))
+            cost = behind[j] + kp * off + ko * turn
+            out[j] = cost
+            least = min(least, np.float32(cost).view(np.int32))
     return np.int32(least).view(np.float32)
 
 
 @njit(nogil=True, fastmath=True)
-def _revolute_row(o, inner, behind, begin, count, cos_end, sin_end, kp, ko, out):  # type: ignore[no-untyped-def]
-    ox, oy, oz, onx, ony, onz, oqw, oqx, oqy, oqz = o[0], o[1], o[2], o[3], o[4], o[5], o[6], o[7], o[8], o[9]
-    x, y, z, nx, ny, nz = (
-        inner[0, begin:],
-        inner[1, begin:],
-        inner[2, begin:],
-        inner[3, begin:],
-        inner[4, begin:],
-        inner[5, begin:],
-    )
-    qw, qx, qy, qz = inner[6, begin:], inner[7, begin:], inner[8, begin:], inner[9, begin:]
+def _revolute_row(o, t, behind, begin, end, cos_end, sin_end, kp, ko, out):  # type: ignore[no-untyped-def]
+    x, y, z, nx, ny, nz, qw, qx, qy, qz = o[0], o[1], o[2], o[3], o[4], o[5], o[6], o[7], o[8], o[9]
     least = _LARGEST
-    for j in range(count):
-        dx, dy, dz = x[j] - ox, y[j] - oy, z[j] - oz
-        ax, ay, az = nx[j] - onx, ny[j] - ony, nz[j] - onz
-        w = oqw * qw[j] + oqx * qx[j] + oqy * qy[j] + oqz * qz[j]
-        twist = oqw * qz[j] - oqx * qy[j] + oqy * qx[j] - oqz * qw[j]
-        beyond = max(abs(twist) * cos_end - abs(w) * sin_end, _ZERO)
+    for j in range(begin, end):
+        dx, dy, dz = t[0, j] - x, t[1, j] - y, t[2, j] - z
+        ax, ay, az = t[3, j] - nx, t[4, j] - ny, t[5, j] - nz
+        cosine = qw * t[6, j] + qx * t[7, j] + qy * t[8, j] + qz * t[9, j]
+        sine = qw * t[9, j] - qx * t[8, j] + qy * t[7, j] - qz * t[6, j]
+        beyond = max(abs(sine) * cos_end - abs(cosine) * sin_end, _ZERO)
         sine2 = min(_QUARTER * (ax * ax + ay * ay + az * az) + beyond * beyond, _ONE)
         c = np.sqrt(_ONE - sine2)
         ratio = _C0 + c * (_C1 + c * (_C2 + c * (_C3 + c * (_C4 + c * (_C5 + c * (_C6 + c * _C7))))))
-        v = behind[j] + kp * (dx * dx + dy * dy + dz * dz) + ko * sine2 * ratio
-        out[j] = v
-        least = min(least, np.float32(v).view(np.int32))
+        cost = behind[j] + kp * (dx * dx + dy * dy + dz * dz) + ko * sine2 * ratio
+        out[j] = cost
+        least = min(least, np.float32(cost).view(np.int32))
     return np.int32(least).view(np.float32)
 
 
@@ -165,84 +148,54 @@ def _limits_cost(kind, ax, ay, az, bx, by, bz, ma, mb, cp, co, kp, ko):  # type:
 
 
 @njit(nogil=True, fastmath=True)
-def _limits_given_parent(kind, o, inner, behind, begin, count, cp, co, kp, ko, out):  # type: ignore[no-untyped-def]
+def _limits_given_parent(kind, o, t, behind, begin, end, cp, co, kp, ko, out):  # type: ignore[no-untyped-def]
     ax, ay, az, aw, ai, aj, ak = o[0], o[1], o[2], o[6], o[7], o[8], o[9]
     bx, by, bz, bw, bi, bj, bk = o[3], o[4], o[5], o[10], o[11], o[12], o[13]
-    x, y, z, qw, qx, qy, qz = (
-        inner[0, begin:],
-        inner[1, begin:],
-        inner[2, begin:],
-        inner[6, begin:],
-        inner[7, begin:],
-        inner[8, begin:],
-        inner[9, begin:],
-    )
     least = _LARGEST
-    for j in range(count):
-        ma = _apart(aw, ai, aj, ak, qw[j], qx[j], qy[j], qz[j])
-        mb = _apart(bw, bi, bj, bk, qw[j], qx[j], qy[j], qz[j])
-        cx, cy, cz = x[j], y[j], z[j]
-        cost = _limits_cost(kind, cx - ax, cy - ay, cz - az, cx - bx, cy - by, cz - bz, ma, mb, cp, co, kp, ko)
-        v = behind[j] + cost
-        out[j] = v
-        least = min(least, np.float32(v).view(np.int32))
+    for j in range(begin, end):
+        x, y, z = t[0, j], t[1, j], t[2, j]
+        ma = _apart(aw, ai, aj, ak, t[6, j], t[7, j], t[8, j], t[9, j])
+        mb = _apart(bw, bi, bj, bk, t[6, j], t[7, j], t[8, j], t[9, j])
+        cost = behind[j] + _limits_cost(kind, x - ax, y - ay, z - az, x - bx, y - by, z - bz, ma, mb, cp, co, kp, ko)
+        out[j] = cost
+        least = min(least, np.float32(cost).view(np.int32))
     return np.int32(least).view(np.float32)
 
 
 @njit(nogil=True, fastmath=True)
-def _limits_given_child(kind, o, inner, behind, begin, count, cp, co, kp, ko, out):  # type: ignore[no-untyped-def]
-    cx, cy, cz, cw, ci, cj, ck = o[0], o[1], o[2], o[6], o[7], o[8], o[9]
-    ax, ay, az, aw, ai, aj, ak = (
-        inner[0, begin:],
-        inner[1, begin:],
-        inner[2, begin:],
-        inner[6, begin:],
-        inner[7, begin:],
-        inner[8, begin:],
-        inner[9, begin:],
-    )
-    bx, by, bz, bw, bi, bj, bk = (
-        inner[3, begin:],
-        inner[4, begin:],
-        inner[5, begin:],
-        inner[10, begin:],
-        inner[11, begin:],
-        inner[12, begin:],
-        inner[13, begin:],
-    )
+def _limits_given_child(kind, o, t, behind, begin, end, cp, co, kp, ko, out):  # type: ignore[no-untyped-def]
+    x, y, z, qw, qx, qy, qz = o[0], o[1], o[2], o[6], o[7], o[8], o[9]
     least = _LARGEST
-    for j in range(count):
-        ma = _apart(cw, ci, cj, ck, aw[j], ai[j], aj[j], ak[j])
-        mb = _apart(cw, ci, cj, ck, bw[j], bi[j], bj[j], bk[j])
-        cost = _limits_cost(
-            kind, cx - ax[j], cy - ay[j], cz - az[j], cx - bx[j], cy - by[j], cz - bz[j], ma, mb, cp, co, kp, ko
-        )
-        v = behind[j] + cost
-        out[j] = v
-        least = min(least, np.float32(v).view(np.int32))
+    for j in range(begin, end):
+        ax, ay, az, bx, by, bz = t[0, j], t[1, j], t[2, j], t[3, j], t[4, j], t[5, j]
+        ma = _apart(qw, qx, qy, qz, t[6, j], t[7, j], t[8, j], t[9, j])
+        mb = _apart(qw, qx, qy, qz, t[10, j], t[11, j], t[12, j], t[13, j])
+        cost = behind[j] + _limits_cost(kind, x - ax, y - ay, z - az, x - bx, y - by, z - bz, ma, mb, cp, co, kp, ko)
+        out[j] = cost
+        least = min(least, np.float32(cost).view(np.int32))
     return np.int32(least).view(np.float32)
 
 
 @njit(nogil=True, fastmath=True)
-def _limits_row(kind, o, inner, behind, begin, count, outer_is_parent, cp, co, kp, ko, out):  # type: ignore[no-untyped-def]
+def _limits_row(kind, o, t, behind, begin, end, outer_is_parent, cp, co, kp, ko, out):  # type: ignore[no-untyped-def]
     # The constants let the compiler drop what a kind does not need: half of the square roots.
     if outer_is_parent:
         if kind == LIMITS_SLIDE:
-            return _limits_given_parent(LIMITS_SLIDE, o, inner, behind, begin, count, cp, co, kp, ko, out)
+            return _limits_given_parent(LIMITS_SLIDE, o, t, behind, begin, end, cp, co, kp, ko, out)
         if kind == LIMITS_TURN:
-            return _limits_given_parent(LIMITS_TURN, o, inner, behind, begin, count, cp, co, kp, ko, out)
-        return _limits_given_parent(LIMITS, o, inner, behind, begin, count, cp, co, kp, ko, out)
+            return _limits_given_parent(LIMITS_TURN, o, t, behind, begin, end, cp, co, kp, ko, out)
+        return _limits_given_parent(LIMITS, o, t, behind, begin, end, cp, co, kp, ko, out)
     if kind == LIMITS_SLIDE:
-        return _limits_given_child(LIMITS_SLIDE, o, inner, behind, begin, count, cp, co, kp, ko, out)
+        return _limits_given_child(LIMITS_SLIDE, o, t, behind, begin, end, cp, co, kp, ko, out)
     if kind == LIMITS_TURN:
-        return _limits_given_child(LIMITS_TURN, o, inner, behind, begin, count, cp, co, kp, ko, out)
-    return _limits_given_child(LIMITS, o, inner, behind, begin, count, cp, co, kp, ko, out)
+        return _limits_given_child(LIMITS_TURN, o, t, behind, begin, end, cp, co, kp, ko, out)
+    return _limits_given_child(LIMITS, o, t, behind, begin, end, cp, co, kp, ko, out)
 
 
 @njit(nogil=True, fastmath=True)
-def _sum_of_powers(values, count, least):  # type: ignore[no-untyped-def]
+def _sum_of_powers(values, begin, end, least):  # type: ignore[no-untyped-def]
     total = _ZERO
-    for j in range(count):
+    for j in range(begin, end):
         power = max(least - values[j], _LOWEST_POWER)
         whole = np.int32(np.floor(power))
         f = power - np.float32(whole)
@@ -305,22 +258,23 @@ def _block(  # type: ignore[no-untyped-def]
 ):
     values = np.empty(behind.shape[1], np.float32)
     o = np.empty(14, np.float32)
+    t, behind_t = fields_t[q], behind[q]
     s0, s1 = shape[q, 0], shape[q, 1]
     for i in range(first, last):
         for k in range(14):
             o[k] = fields_s[q, k, i]
-        begin, count = start[q, i], stop[q, i] - start[q, i]
-        inner, behind_t = fields_t[q], behind[q, begin:]
+        # Unsigned, or every index would be tested for one counted from the end, and the loops stay scalar.
+        begin, end = np.uint64(start[q, i]), np.uint64(stop[q, i])
         if kind[q] == PRISMATIC:
-            least = _prismatic_row(o, inner, behind_t, begin, count, is_parent[q], s0, s1, kp, ko, values)
+            least = _prismatic_row(o, t, behind_t, begin, end, is_parent[q], s0, s1, kp, ko, values)
         elif kind[q] == REVOLUTE:
-            least = _revolute_row(o, inner, behind_t, begin, count, s0, s1, kp, ko, values)
+            least = _revolute_row(o, t, behind_t, begin, end, s0, s1, kp, ko, values)
         else:
-            least = _limits_row(kind[q], o, inner, behind_t, begin, count, is_parent[q], s0, s1, kp, ko, values)
-        if count <= 0 or least > _REACHABLE:
+            least = _limits_row(kind[q], o, t, behind_t, begin, end, is_parent[q], s0, s1, kp, ko, values)
+        if begin >= end or least > _REACHABLE:
             result[q, i] = -np.inf
         else:
-            total = _sum_of_powers(values, count, least)
+            total = _sum_of_powers(values, begin, end, least)
             result[q, i] = highest[q] + (np.log2(np.float64(total)) - np.float64(least)) / _LOG2E
 
 
@@ -332,24 +286,9 @@ def _serial(  # type: ignore[no-untyped-def]
     _prepare(
         kind, is_parent, frames_s, frames_t, seconds, poses_s, poses_t, log_weights, fields_s, fields_t, behind, highest
     )
+    rows = poses_s.shape[1]
     for q in range(poses_s.shape[0]):
-        _block(
-            q,
-            0,
-            poses_s.shape[1],
-            kind,
-            is_parent,
-            shape,
-            kp,
-            ko,
-            fields_s,
-            fields_t,
-            behind,
-            highest,
-            start,
-            stop,
-            result,
-        )
+        _block(q, 0, rows, kind, is_parent, shape, kp, ko, fields_s, fields_t, behind, highest, start, stop, result)
 
 
 @njit(nogil=True, cache=True, parallel=True)
@@ -368,45 +307,53 @@ def _parallel(  # type: ignore[no-untyped-def]
         _block(q, first, last, kind, is_parent, shape, kp, ko, fields_s, fields_t, behind, highest, start, stop, result)
 
 
-def joint_sums(
-    kind: NDArray[np.int32],
-    s_is_parent: NDArray[np.bool_],
-    frames_s: NDArray[np.float64],
-    frames_t: NDArray[np.float64],
-    second_limits: NDArray[np.float64],
-    shape: NDArray[np.float32],
-    sigma_position: float,
-    sigma_orientation: float,
-    poses_s: NDArray[np.float64],
-    poses_t: NDArray[np.float64],
-    log_weights: NDArray[np.float64],
-    start: NDArray[np.int32],
-    stop: NDArray[np.int32],
-) -> NDArray[np.float64]:
-    """(Q, M): log sum_j exp(log_weights_j) psi(s_i, t_j), over j from start_i to before stop_i; -inf over none.
+@dataclass(frozen=True)
+class Jobs:
+    """Q sums to be done, each over a joint between samples s_i, i < M, and t_j, j < M2.
 
-    kind : (Q,) PRISMATIC, REVOLUTE or LIMITS
-    s_is_parent : (Q,) which end of the joint the samples i are
+    kind : (Q,) PRISMATIC or REVOLUTE (the residual after projection), or LIMITS (eq. 11); LIMITS_SLIDE and LIMITS_TURN
+        are the same as LIMITS, cheaper, where the two limit poses share their orientation or their position
+    s_is_parent : (Q,) which end of the joint the samples s are
     frames_s, frames_t : (Q, 7) the joint's frame in the frame of s and of t, with the joint along z, and for REVOLUTE
         the parent's turned to the middle of the range; for LIMITS the lower limit pose of the child on the parent's
         side, the identity on the child's
     second_limits : (Q, 7) the upper limit pose of the child in the parent, used by LIMITS
     shape : (Q, 2) PRISMATIC: lower and upper, metres; REVOLUTE: cosine and sine of a quarter of the range (0 and 1
         for a whole turn); LIMITS: distance between the limit poses, metres and radians
-    sigma_position, sigma_orientation : metres, radians
     poses_s : (Q, M, 7), poses_t : (Q, M2, 7), x y z qw qx qy qz, metres, world, contiguous
-    log_weights : (Q, M2); start, stop : (Q, M), a range of t for each sample of s
+    log_weights : (Q, M2), of t
+    start, stop : (Q, M), which t each s_i meets: from start to before stop
     """
-    jobs, rows, columns = poses_s.shape[0], poses_s.shape[1], poses_t.shape[1]
-    result = np.full((jobs, rows), -np.inf)
-    if jobs == 0 or rows == 0 or columns == 0:
+
+    kind: NDArray[np.int32]
+    s_is_parent: NDArray[np.bool_]
+    frames_s: NDArray[np.float64]
+    frames_t: NDArray[np.float64]
+    second_limits: NDArray[np.float64]
+    shape: NDArray[np.float32]
+    poses_s: NDArray[np.float64]
+    poses_t: NDArray[np.float64]
+    log_weights: NDArray[np.float64]
+    start: NDArray[np.int32]
+    stop: NDArray[np.int32]
+
+    def only(self, rows: NDArray[np.intp]) -> Jobs:
+        """The jobs of `rows`."""
+        return Jobs(*(getattr(self, entry.name)[rows] for entry in fields(self)))
+
+
+def joint_sums(jobs: Jobs, sigma_position: float, sigma_orientation: float) -> NDArray[np.float64]:
+    """(Q, M): log sum_j exp(log_weights_j) psi(s_i, t_j) over the t_j that s_i meets; -inf where it meets none."""
+    count, rows, columns = *jobs.poses_s.shape[:2], jobs.poses_t.shape[1]
+    result = np.full((count, rows), -np.inf)
+    if count == 0 or rows == 0 or columns == 0:
         return result
-    run = _parallel if jobs * rows * columns >= _PARALLEL_FROM else _serial
+    run = _parallel if count * rows * columns >= _PARALLEL_FROM else _serial
     run(
-        kind, s_is_parent, frames_s, frames_t, second_limits, shape,
+        jobs.kind, jobs.s_is_parent, jobs.frames_s, jobs.frames_t, jobs.second_limits, jobs.shape,
         np.float32(0.5 * _LOG2E / sigma_position**2), np.float32(0.5 * _LOG2E / sigma_orientation**2),
-        poses_s, poses_t, log_weights, start, stop,
-        np.empty((jobs, 14, rows), np.float32), np.empty((jobs, 14, columns), np.float32),
-        np.empty((jobs, columns), np.float32), np.empty(jobs), result,
+        jobs.poses_s, jobs.poses_t, jobs.log_weights, jobs.start, jobs.stop,
+        np.empty((count, 14, rows), np.float32), np.empty((count, 14, columns), np.float32),
+        np.empty((count, columns), np.float32), np.empty(count), result,
     )  # fmt: skip
     return result

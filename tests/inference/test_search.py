@@ -1,0 +1,182 @@
+"""The global search: children lie on their joints within limits, hypotheses are distinct, and it finds the object."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference import global_search, initialisation, problem, run
+from pmpnbp.inference.belief import FLIP, OWN, SURFACE
+from pmpnbp.inference.problem import Problem
+from pmpnbp.readout.metrics import add, model_points
+from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
+from pmpnbp.scene.prior import UniformPrior
+from pmpnbp.settings import schedule
+from tests.inference import small_worlds as worlds
+
+
+def geared() -> ArticulatedObject:
+    """Two doors of which the second follows the first, half as far and the other way."""
+    joints = [
+        Joint("left", "revolute", "link0", "link1", worlds.at(0.15, 0.2), worlds.Z, -0.2, 1.2, (0,)),
+        Joint(
+            "right", "revolute", "link0", "link2", worlds.at(0.15, -0.2), worlds.Z, -0.5, 0.2, (0,), "left", -0.5, 0.1
+        ),
+    ]
+    door = worlds.block([0.02, 0.18, 0.3])
+    return worlds.articulated(joints, {"link0": worlds.block([0.3, 0.4, 0.4]), "link1": door, "link2": door})
+
+
+def likes_x(node: Array, part_poses: Array) -> Array:
+    """Log unary potential: the further along x the better, so that every joint wants to go to one of its ends."""
+    return 100.0 * part_poses[..., 0]
+
+
+def walked(model: ArticulatedObject, rng: np.random.Generator, unary: Callable[[Array, Array], Array]) -> tuple[
+    Problem, global_search.Hypotheses, Array
+]:  # fmt: skip
+    made = worlds.given_unary(model, unary, worlds.settings(), particles=20)
+    count = 50
+    roots = np.concatenate([rng.uniform(-1, 1, (count, 3)), poses.random_quaternions(rng, (count,))], axis=-1)
+    joints = initialisation.random_joints(rng, made, count)
+    origin = np.full(count, SURFACE, dtype=np.uint8), np.full(count, -1, dtype=np.int32)
+    return made, global_search.walk(rng, made, (roots, joints, *origin), schedule(made.settings, 1)), joints
+
+
+MODELS = {
+    "sliding chain": worlds.sliding_chain(4),
+    "hinged chain": worlds.hinged_chain(4),
+    "star": worlds.star(3),
+    "geared": geared(),
+    "closed loop": worlds.four_bar(),
+}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_walking_puts_every_part_where_the_joints_say(rng: np.random.Generator, name: str) -> None:
+    model = MODELS[name]
+    made, tried, start = walked(model, rng, likes_x)
+    assert np.all((tried.joints >= model.lower - 1e-9) & (tried.joints <= model.upper + 1e-9))
+    again = model.part_poses(tried.roots, tried.joints)
+    np.testing.assert_allclose(tried.part_poses[..., :3], again[..., :3], atol=1e-9)
+    assert poses.rotation_angle(tried.part_poses[..., 3:], again[..., 3:]).max() < 1e-7
+    assert not np.allclose(tried.joints, start)
+
+
+def test_a_joint_that_follows_is_not_chosen_for_itself(rng: np.random.Generator) -> None:
+    _, tried, _ = walked(geared(), rng, likes_x)
+    left, right = geared().edges
+    np.testing.assert_allclose(right.axis_positions(tried.joints), -0.5 * left.axis_positions(tried.joints) + 0.1)
+    assert np.ptp(tried.joints) > 0.5
+
+
+def test_every_other_hypothesis_takes_the_best_position_tried(rng: np.random.Generator) -> None:
+    """Those that choose without chance never do worse than where they stood."""
+    model = worlds.sliding_chain(2)
+    _, tried, start = walked(model, rng, likes_x)
+    stood = 100.0 * model.part_poses(tried.roots, start)[:, 1, 0]
+    assert np.all(tried.unary[::2, 1] >= stood[::2] - 1e-9)
+    np.testing.assert_allclose(tried.unary, 100.0 * tried.part_poses[..., 0])
+
+
+def test_trials_cover_the_range_finely_enough_and_start_from_where_the_joint_is(rng: np.random.Generator) -> None:
+    edge = worlds.sliding_chain(2, half_range=0.2).edges[0]
+    plan = schedule(worlds.settings(), 1)
+    settled = rng.uniform(-0.2, 0.2, (30, 1))
+    axes = global_search._trials(rng, edge, settled, 0.1, plan)
+    np.testing.assert_array_equal(axes[:, 0], settled)
+    assert np.all((axes >= edge.lower) & (axes <= edge.upper))
+    gaps = np.diff(np.sort(axes[..., 0], axis=1), axis=1, prepend=-0.2, append=0.2)
+    assert gaps.max() <= 2 * 1.5 * plan.tolerance  # no place is further than that from one that was tried
+
+
+def test_hypotheses_that_are_kept_lie_apart(rng: np.random.Generator) -> None:
+    made, tried, _ = walked(worlds.hinged_chain(3), rng, lambda node, pose: np.ones(len(pose)))
+    tried = tried.joined(tried)  # each of them twice
+    order = np.arange(100)
+    leaders, member_of = global_search._distinct(made, tried, order, 100, 0.05)
+    assert len(leaders) <= 50 and np.all(leaders < 50)
+    np.testing.assert_array_equal(member_of[:50], member_of[50:])
+    chosen = tried.part_poses[leaders][:, :, :3]
+    spacing = np.linalg.norm(chosen[:, None] - chosen[None], axis=-1).max(axis=2)
+    assert spacing[~np.eye(len(leaders), dtype=bool)].min() > 0
+
+
+MODEL = worlds.cupboard()
+ROOT, JOINTS = worlds.cupboard_truth()
+
+
+def errors_of(model: ArticulatedObject, mle: Array, truth: Array) -> Array:
+    return np.array(
+        [add(model_points(part.mesh), pose, true) for part, pose, true in zip(model.parts, mle, truth, strict=True)]
+    )
+
+
+@pytest.fixture(scope="module")
+def scene() -> Problem:
+    observation = worlds.seen(MODEL, ROOT, JOINTS)
+    return problem.build(
+        MODEL, observation, UniformPrior("upright"), worlds.settings(search_proposals=1500), particles=100
+    )
+
+
+@pytest.fixture(scope="module")
+def searched(scene: Problem) -> list[run.IterationReport]:
+    return list(run.iterate(scene, scene.settings.search_iterations))
+
+
+def test_a_searched_belief_is_made_of_whole_objects(scene: Problem, searched: list[run.IterationReport]) -> None:
+    for report in searched[1:]:
+        belief = report.belief
+        assert report.stage == "search" and belief.joint_positions is not None
+        again = MODEL.part_poses(belief.poses[0], belief.joint_positions)
+        np.testing.assert_allclose(np.swapaxes(belief.poses, 0, 1)[..., :3], again[..., :3], atol=1e-6)
+        np.testing.assert_allclose(np.exp(belief.log_weights).sum(axis=1), 1.0, rtol=1e-9)
+        assert np.all(belief.island == belief.island[0])
+        assert len(np.unique(belief.island[0])) <= scene.settings.search_islands
+        np.testing.assert_array_equal(report.mle, belief.poses[:, belief.log_weights[0].argmax()])
+
+
+def test_a_searched_particle_says_where_it_came_from(searched: list[run.IterationReport]) -> None:
+    assert set(np.unique(searched[1].belief.source)) == {SURFACE}
+    later = searched[3].belief
+    assert {OWN, FLIP} & set(np.unique(later.source).tolist())
+    fresh = later.source == SURFACE
+    assert np.all(later.ancestor[fresh] == -1)
+    assert np.all((later.ancestor[~fresh] >= 0) & (later.ancestor[~fresh] < 100))
+
+
+def test_the_best_of_the_search_does_not_get_lost(searched: list[run.IterationReport], scene: Problem) -> None:
+    """Scores of different iterations do not compare, their tolerances differ; the places of the best ones do."""
+    truth = MODEL.part_poses(ROOT, JOINTS)
+    assert errors_of(MODEL, searched[-1].mle, truth).max() < 0.05
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_it_finds_an_upright_object_anywhere(scene: Problem, seed: int) -> None:
+    report = list(run.iterate(replace(scene, seed=seed), 24))[-1]
+    assert errors_of(MODEL, report.mle, MODEL.part_poses(ROOT, JOINTS)).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    "root",
+    [
+        pytest.param(worlds.at(1.4, 0.1, 0.5, roll=np.pi, yaw=np.pi - 0.35), id="upside down"),
+        pytest.param(worlds.at(1.4, 0.1, 0.2, roll=0.9, pitch=0.4, yaw=2.6), id="tilted"),
+    ],
+)
+def test_any_orientation_finds_an_object_that_does_not_stand(root: Array) -> None:
+    observation = worlds.seen(MODEL, root, JOINTS)
+    made = problem.build(
+        MODEL, observation, UniformPrior("any"), worlds.settings(search_iterations=6), particles=100, seed=1
+    )
+    report = list(run.iterate(made, 24))[-1]
+    assert errors_of(MODEL, report.mle, MODEL.part_poses(root, JOINTS)).max() < 0.01
+    upright = replace(made, prior=UniformPrior("upright"))
+    report = list(run.iterate(upright, upright.settings.search_iterations))[-1]
+    assert errors_of(MODEL, report.mle, MODEL.part_poses(root, JOINTS)).max() > 0.03  # it was told it stands

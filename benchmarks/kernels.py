@@ -94,13 +94,9 @@ def _case(surfaces: Surfaces, width: int, height: int, threads: int, seconds: fl
     }
 
 
-def _unary_rate(
-    observation: Observation, surfaces: Surfaces, pose: Array, renderer: Renderer, seconds: float
-) -> float:
+def _unary_rate(observation: Observation, surfaces: Surfaces, pose: Array, renderer: Renderer, seconds: float) -> float:
     part, score = np.zeros(len(pose), dtype=np.int32), PixelScore()
-    return _rate(
-        lambda: unary_scores(observation, surfaces, part, pose, score, renderer=renderer), len(pose), seconds
-    )
+    return _rate(lambda: unary_scores(observation, surfaces, part, pose, score, renderer=renderer), len(pose), seconds)
 
 
 def _rate(work: Callable[[], object], poses_each: int, seconds: float) -> float:

@@ -27,7 +27,7 @@ def _setting(
 class Settings:
     """All settings, frozen. Build one with `preset` and `changed`."""
 
-    image_width: int = _setting(160, "pixels", "width of the working depth image, at most", low=16)
+    image_width: int = _setting(120, "pixels", "width of the working depth image, at most", low=16)
     triangles: int = _setting(500, "triangles", "triangle budget of a part's mesh in the inference", low=12)
     renderer: str = _setting("splats", "", "how a part alone is rendered", choices=("splats", "rasteriser"))
     splat_points: int = _setting(256, "points", "visible surface points that stand for a part", low=16)

@@ -23,6 +23,8 @@ from pmpnbp.settings import Schedule
 VARIATIONS = 24
 # Parts that are taken at their word in one iteration, drawn anew each time.
 ANCHORS = 4
+# Standard deviation in metres of the longest steps of a part along its joint.
+JOINT_STEP = 0.05
 
 
 def improve(
@@ -110,27 +112,40 @@ def vary(
 ) -> tuple[Array, Array]:
     """`count` variations of a configuration: root poses (count, 7), joint vectors (count, D).
 
-    A third moves the whole object and its joints at once. The others move one part, and all the rest stays where it
-    is as far as the joints allow: a frame that slipped along its drawers' axis comes back without losing the drawers.
-    Steps are as long as the diffusion or up to fifty times shorter, so that both an early and a late estimate moves.
+    A quarter moves the whole object and its joints at once. The others move one part, and all the rest stays where it
+    is as far as the joints allow: the root, any part, or a joint's parent along that joint, so that a frame which
+    slipped along its drawers comes back without losing them. Steps are as long as the diffusion or up to fifty times
+    shorter, so that both an early and a late estimate moves; those along a joint stay long (JOINT_STEP), as nothing
+    else holds them.
     """
     model, mrf = problem.mrf.model, problem.mrf
     scale = np.exp(rng.uniform(np.log(0.02), 0.0, (count, 1)))
     noise = rng.standard_normal((count, 6)) * (rng.random((count, 6)) < 0.6) * scale
     shift, turn = plan.diffusion_position * noise[:, :3], plan.diffusion_rotation * noise[:, 3:]
-    whole = max(count // 3, 1)
+    rows = np.array_split(np.arange(count), 4)
     reach = np.where(problem.joint_turns, plan.diffusion_position / 0.3, plan.diffusion_position)
-    turned = reach * scale[:whole] * rng.standard_normal((whole, model.dof)) * (rng.random((whole, model.dof)) < 0.6)
-    roots = [poses.perturb(root, shift[:whole], turn[:whole], mrf.centres[0])]
+    some = rng.random((len(rows[0]), model.dof)) < 0.6
+    turned = reach * scale[rows[0]] * rng.standard_normal(some.shape) * some
+    roots = [poses.perturb(root, shift[rows[0]], turn[rows[0]], mrf.centres[0])]
     varied = [within_limits(joints + turned, model.lower, model.upper, model.wraps)]
     part_poses = model.part_poses(root, joints)
-    for anchor, rows in ((0, slice(whole, 2 * whole)), (int(rng.integers(mrf.nodes)), slice(2 * whole, count))):
-        moved = np.tile(part_poses, (len(shift[rows]), 1, 1))
-        moved[:, anchor] = poses.perturb(part_poses[anchor], shift[rows], turn[rows], mrf.centres[anchor])
+    for group, anchor in ((1, 0), (2, int(rng.integers(mrf.nodes)))):
+        moved = np.tile(part_poses, (len(rows[group]), 1, 1))
+        moved[:, anchor] = poses.perturb(part_poses[anchor], shift[rows[group]], turn[rows[group]], mrf.centres[anchor])
         new_roots, new_joints = assemble(mrf, moved, anchor)
         roots.append(new_roots)
         varied.append(new_joints)
-    return np.concatenate(roots), np.concatenate(varied)
+    moved = np.tile(part_poses, (len(rows[3]), 1, 1))
+    anchor = 0
+    if model.edges:
+        edge = model.edges[int(rng.integers(len(model.edges)))]
+        anchor = edge.parent
+        step = np.where(edge.revolute, JOINT_STEP / max(mrf.radii[anchor], 0.02), JOINT_STEP)
+        axes = edge.axis_positions(joints) + step * scale[rows[3]] * rng.standard_normal((len(moved), len(step)))
+        relative = edge.pose_parent_child(within_limits(axes, edge.lower, edge.upper, edge.wraps))
+        moved[:, anchor] = poses.multiply(part_poses[edge.child], poses.inverse(relative))
+    new_roots, new_joints = assemble(mrf, moved, anchor)
+    return np.concatenate([*roots, new_roots]), np.concatenate([*varied, new_joints])
 
 
 def _local_mean(belief: Belief, node: int, best: int, plan: Schedule) -> Array:

@@ -1,7 +1,8 @@
 """Which configuration of a joint comes closest to a given pose of the child in the parent, and what is left over?
 
 For one axis the answer is a formula: the position along a slide, the twist about a hinge. For a chain of axes it is
-a small least-squares problem with bounds, solved by a few damped Gauss-Newton steps from the best of several starts.
+a small least-squares problem with bounds, solved by a few damped Gauss-Newton steps from the best of several starts
+(`kernels/chain_projection.py`).
 """
 
 from __future__ import annotations
@@ -13,12 +14,13 @@ from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.scene.articulated_object import Edge, axis_motion
+from pmpnbp.potentials.kernels.chain_projection import nearest_on_chain
+from pmpnbp.scene.articulated_object import Edge
 
 # In a chain, a turn by one radian left over counts as much as this many metres.
 LENGTH_PER_RADIAN = 0.3
 
-_STARTS_PER_TURN, _REFINED_STARTS, _STEPS = 6, 2, 8
+_STARTS_PER_TURN = 8
 
 
 @dataclass(frozen=True)
@@ -115,18 +117,13 @@ def _wrap(angle: Array) -> Array:
 
 def _chain(edge: Edge, pose_parent_child: Array, length: float) -> Array:
     free = gearing(edge)
+    turning = int((free.matrix[edge.revolute] != 0).any(axis=0).sum())
     target = poses.multiply(pose_parent_child, poses.inverse(edge.pose_after))
-    turning = int((np.abs(free.matrix) * edge.revolute[:, None]).any(axis=0).sum())
-    starts = _spread(max(1, _STARTS_PER_TURN * turning), free)
-    count = len(starts)
-    q = np.broadcast_to(starts[:, None], (count, len(target), starts.shape[1])).copy()
-    # One step from every start places the slides, so that the starts can be compared by their turns.
-    q, cost = _step(edge, free, target, q, length)
-    best = np.argsort(cost, axis=0, kind="stable")[: min(_REFINED_STARTS, count)]
-    q = np.take_along_axis(q, best[..., None], axis=0)
-    for _ in range(_STEPS):
-        q, cost = _step(edge, free, target, q, length)
-    q = np.take_along_axis(q, cost.argmin(axis=0)[None, :, None], axis=0)[0]
+    parts = (edge.poses_before, edge.axes, free.matrix, free.offset, free.lower, free.upper)
+    before, axes, matrix, offset, lower, upper = (np.require(part, np.float64, ["C", "W"]) for part in parts)
+    starts = _spread(1 + _STARTS_PER_TURN * turning, free)
+    revolute, wraps = (np.require(part, np.bool_, ["C", "W"]) for part in (edge.revolute, free.wraps))
+    q = nearest_on_chain(before, revolute, axes, matrix, offset, lower, upper, wraps, starts, target, length)
     return q @ free.matrix.T + free.offset
 
 
@@ -136,64 +133,5 @@ def _spread(count: int, free: Gearing) -> Array:
     root = 2.0
     for _ in range(30):
         root = (1 + root) ** (1 / (size + 1))
-    step = root ** -np.arange(1, size + 1)
-    fraction = (0.5 + np.arange(count)[:, None] * step) % 1.0
+    fraction = (0.5 + np.arange(count)[:, None] * root ** -np.arange(1, size + 1)) % 1.0
     return free.lower + fraction * (free.upper - free.lower)
-
-
-def _step(edge: Edge, free: Gearing, target: Array, q: Array, length: float) -> tuple[Array, Array]:
-    """One Gauss-Newton step of `q` (S, B, F) within the bounds, or a short one if that is better, or none."""
-    error, jacobian, cost = _linearised(edge, free, target, q, length)
-    gradient = np.einsum("...ef,...e->...f", jacobian, error)
-    hessian = np.einsum("...ef,...eg->...fg", jacobian, jacobian)
-    held = ~free.wraps & (((q <= free.lower) & (gradient < 0)) | ((q >= free.upper) & (gradient > 0)))
-    hessian = np.where(held[..., None] | held[..., None, :], 0.0, hessian)
-    diagonal = np.arange(q.shape[-1])
-    size = np.trace(hessian, axis1=-2, axis2=-1)[..., None]
-    gradient = np.where(held, 0.0, gradient)
-    for damping in (1e-9, 0.1):
-        damped = hessian.copy()
-        damped[..., diagonal, diagonal] += np.where(held, 1.0, damping * size + 1e-12)
-        moved = _within(free, q + np.linalg.solve(damped, gradient[..., None])[..., 0])
-        reached = _cost(edge, free, target, moved, length)
-        better = reached < cost
-        q, cost = np.where(better[..., None], moved, q), np.where(better, reached, cost)
-    return q, cost
-
-
-def _within(free: Gearing, q: Array) -> Array:
-    middle = (free.lower + free.upper) / 2
-    return np.where(free.wraps, middle + _wrap(q - middle), np.clip(q, free.lower, free.upper))
-
-
-def _error(end: Array, target: Array, length: float) -> Array:
-    turn = poses.to_rotation_vector(
-        poses.quaternion_multiply(target[..., 3:], poses.quaternion_conjugate(end[..., 3:]))
-    )
-    return np.concatenate([target[..., :3] - end[..., :3], length * turn], axis=-1)
-
-
-def _cost(edge: Edge, free: Gearing, target: Array, q: Array, length: float) -> Array:
-    end = _end_of_chain(edge, q @ free.matrix.T + free.offset)
-    return np.sum(_error(end, target, length) ** 2, axis=-1)
-
-
-def _linearised(edge: Edge, free: Gearing, target: Array, q: Array, length: float) -> tuple[Array, Array, Array]:
-    axes = q @ free.matrix.T + free.offset
-    end = np.broadcast_to(poses.IDENTITY, (*q.shape[:-1], 7))
-    directions, origins = [], []
-    for k in range(len(edge.axes)):
-        end = poses.multiply(end, edge.poses_before[k])
-        directions.append(poses.rotate(end[..., 3:], edge.axes[k]))
-        origins.append(end[..., :3])
-        end = poses.multiply(end, axis_motion(bool(edge.revolute[k]), edge.axes[k], axes[..., k]))
-    columns = []
-    for k in range(len(edge.axes)):
-        if edge.revolute[k]:
-            swept = np.cross(directions[k], end[..., :3] - origins[k])
-            columns.append(np.concatenate([swept, length * directions[k]], axis=-1))
-        else:
-            columns.append(np.concatenate([directions[k], np.zeros_like(directions[k])], axis=-1))
-    jacobian = np.stack(columns, axis=-1) @ free.matrix
-    error = _error(end, target, length)
-    return error, jacobian, np.sum(error**2, axis=-1)

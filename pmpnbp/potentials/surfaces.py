@@ -41,6 +41,11 @@ class Surfaces:
         """The triangles as the rasteriser's kernels take them."""
         return self.vertices, self.faces, self.one_sided, self.vertex_offsets, self.face_offsets
 
+    @property
+    def splats(self) -> tuple[NDArray[np.float32], NDArray[np.float32], Array]:
+        """Points, areas and centres as the splatting kernel takes them."""
+        return self.points, self.areas, self.centres
+
 
 def prepare_surfaces(
     model: ArticulatedObject, *, directions: int = 256, points: int = 256, rng: np.random.Generator | None = None
@@ -50,7 +55,7 @@ def prepare_surfaces(
     directions : a square number, cells of an octahedral grid over the sphere; points : per direction
     rng : orders the points; a fixed generator by default, so that a model's surfaces are always the same
     """
-    size = int(round(directions**0.5))
+    size = round(directions**0.5)
     if size * size != directions:
         raise ValueError(f"directions is {directions}; a square number is expected, as 256")
     generator = np.random.default_rng(0) if rng is None else rng

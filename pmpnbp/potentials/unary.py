@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
-from pmpnbp.potentials.kernels import rasteriser, splatting
+from pmpnbp.potentials.kernels import rasterised_scores, rasteriser, splatting
 from pmpnbp.potentials.kernels.pixel_scores import pack_view
 from pmpnbp.potentials.surfaces import Surfaces
 from pmpnbp.scene.observation import Observation, View
@@ -72,22 +72,18 @@ def unary_scores(
     renderer : "splats" (fast, approximate) or "rasteriser"; points : splats per part, at most those prepared
     A part without geometry scores 0. Raises ValueError where a pose is not finite.
     """
-    part = np.ascontiguousarray(part, dtype=np.int32)
-    pose = _checked(poses_world_part, (len(part), 7))
-    if len(part) and (part.min() < 0 or part.max() >= len(surfaces.centres)):
-        raise ValueError(f"parts {part.min()} to {part.max()} were named; there are {len(surfaces.centres)} parts")
-    out = np.zeros(len(part))
+    parts = np.ascontiguousarray(part, dtype=np.int32)
+    pose = _checked(poses_world_part, (len(parts), 7))
+    if len(parts) and (parts.min() < 0 or parts.max() >= len(surfaces.centres)):
+        raise ValueError(f"parts {parts.min()} to {parts.max()} were named; there are {len(surfaces.centres)}")
+    out = np.zeros(len(parts))
     terms, robust = score.terms, score.form == "robust"
+    used = min(points, surfaces.points.shape[-1])
     for view in observation.views:
-        packed, lens, pose_camera_world = _prepared(view)
         if renderer == "splats":
-            used = min(points, surfaces.points.shape[-1])
-            splatting.add_scores(
-                packed, lens, pose_camera_world, surfaces.points, surfaces.areas, surfaces.centres, part, pose,
-                terms, robust, used, out,
-            )  # fmt: skip
+            splatting.add_scores(_image(view), surfaces.splats, parts, pose, terms, robust, used, out)
         elif renderer == "rasteriser":
-            rasteriser.add_part_scores(packed, lens, pose_camera_world, surfaces.mesh, part, pose, terms, robust, out)
+            rasterised_scores.add_part_scores(_image(view), surfaces.mesh, parts, pose, terms, robust, out)
         else:
             raise ValueError(f"renderer is {renderer!r}; 'splats' or 'rasteriser' is expected")
     return out
@@ -101,10 +97,8 @@ def object_scores(
     pose = _checked(poses_world_part, (len(poses_world_part), len(surfaces.centres), 7))
     shares = np.zeros(pose.shape[:2])
     for view in observation.views:
-        packed, lens, pose_camera_world = _prepared(view)
-        rasteriser.add_object_scores(
-            packed, lens, pose_camera_world, surfaces.mesh, pose, score.terms, score.form == "robust", shares
-        )
+        robust = score.form == "robust"
+        rasterised_scores.add_object_scores(_image(view), surfaces.mesh, pose, score.terms, robust, shares)
     return shares.sum(axis=1), shares
 
 
@@ -113,7 +107,9 @@ def render(
 ) -> tuple[NDArray[np.float32], NDArray[np.int16]]:
     """Depth (h, w) float32, metres, 0 where nothing is, and part number (h, w) int16, -1 where nothing is, of the
     parts at poses (N, 7), as `camera` sees them."""
-    return _drawn(camera, surfaces, _checked(poses_world_part, (len(surfaces.centres), 7)), -1)
+    pose = _checked(poses_world_part, (len(surfaces.centres), 7))
+    depth, number = rasteriser.object_depth(pose, _view(camera), surfaces.mesh)
+    return depth, number
 
 
 def visible_fractions(observation: Observation, surfaces: Surfaces, poses_world_part: Array, tolerance: float) -> Array:
@@ -125,10 +121,10 @@ def visible_fractions(observation: Observation, surfaces: Surfaces, poses_world_
     pose = _checked(poses_world_part, (len(surfaces.centres), 7))
     fractions = np.zeros(len(pose))
     for view in observation.views:
-        depth, number = _drawn(view.camera, surfaces, pose, -1)
+        depth, number = render(view.camera, surfaces, pose)
         hidden = (view.depth > 0) & (view.depth < depth - tolerance)
         for node in range(len(pose)):
-            alone = _drawn(view.camera, surfaces, pose, node)[1] == node
+            alone = rasteriser.part_depth(node, pose[node], _view(view.camera), surfaces.mesh)
             covered = np.count_nonzero(alone)
             if covered:
                 seen = np.count_nonzero((number == node) & ~hidden)
@@ -137,7 +133,8 @@ def visible_fractions(observation: Observation, surfaces: Surfaces, poses_world_
 
 
 def _checked(pose: Array, shape: tuple[int, ...]) -> Array:
-    """Poses as the kernels take them. One that is not finite, or kilometres away, would be read as a place in memory."""
+    """Poses as the kernels take them. One that is not finite, or far beyond any scene, becomes a pixel no kernel can
+    look up."""
     pose = np.ascontiguousarray(pose, dtype=np.float64)
     if pose.shape != shape:
         raise ValueError(f"poses have shape {pose.shape}; {shape} is expected")
@@ -146,18 +143,15 @@ def _checked(pose: Array, shape: tuple[int, ...]) -> Array:
     return pose
 
 
-def _lens(camera: Camera) -> Array:
-    return np.array([camera.fx, camera.fy, camera.cx, camera.cy], dtype=np.float64)
+def _view(camera: Camera) -> tuple[Array, Array, int, int]:
+    """A camera as the rasteriser takes it."""
+    lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy], dtype=np.float64)
+    return lens, poses.inverse(np.asarray(camera.pose_world_camera, dtype=np.float64)), camera.width, camera.height
 
 
-def _prepared(view: View) -> tuple[NDArray[np.int32], Array, Array]:
-    packed = pack_view(np.ascontiguousarray(view.depth, dtype=np.float32), np.ascontiguousarray(view.category))
-    return packed, _lens(view.camera), poses.inverse(np.asarray(view.camera.pose_world_camera, dtype=np.float64))
-
-
-def _drawn(camera: Camera, surfaces: Surfaces, pose: Array, only: int) -> tuple[NDArray[np.float32], NDArray[np.int16]]:
-    pose_camera_world = poses.inverse(np.asarray(camera.pose_world_camera, dtype=np.float64))
-    depth, number = rasteriser.draw(
-        pose, only, _lens(camera), pose_camera_world, surfaces.mesh, camera.width, camera.height
-    )
-    return depth, number
+def _image(view: View) -> tuple[NDArray[np.int32], Array, Array]:
+    """A view as the scoring kernels take it."""
+    depth = np.ascontiguousarray(view.depth, dtype=np.float32)
+    packed = pack_view(depth, np.ascontiguousarray(view.category, dtype=np.uint8))
+    lens, pose_camera_world, _, _ = _view(view.camera)
+    return packed, lens, pose_camera_world

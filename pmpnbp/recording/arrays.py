@@ -103,12 +103,20 @@ def _members(prefix: str, value: Belief | Messages | None) -> Arrays:
 
 def _belief(found: Arrays, first: str) -> Belief:
     members = {entry.name: _either(found, first, f"belief.{entry.name}") for entry in fields(Belief)}
-    return Belief(**members)  # type: ignore[arg-type]  # joint_positions alone may be None
+    missing = [name for name, member in members.items() if member is None and name != "joint_positions"]
+    if missing:
+        raise KeyError(missing[0])
+    return Belief(**members)  # type: ignore[arg-type]  # checked above
 
 
 def _messages(found: Arrays, first: str) -> Messages | None:
     members = {entry.name: _either(found, first, f"messages.{entry.name}") for entry in fields(Messages)}
-    return None if members["sender"] is None else Messages(**members)  # type: ignore[arg-type]
+    if members["sender"] is None:
+        return None
+    missing = [name for name, member in members.items() if member is None]
+    if missing:
+        raise KeyError(missing[0])
+    return Messages(**members)  # type: ignore[arg-type]
 
 
 def _either(found: Arrays, first: str, name: str) -> NDArray[Any] | None:

@@ -95,23 +95,28 @@ def scans(connection: sqlite3.Connection) -> tuple[Scan, ...]:
     return tuple(found)
 
 
-def restored_problem(connection: sqlite3.Connection) -> Problem:
-    """The problem of a recording, made again from its inputs."""
+def restored_inputs(connection: sqlite3.Connection, folder: Path) -> Inputs:
+    """The inputs of a recording; its model becomes a file in `folder`."""
     file_name, data = connection.execute("SELECT file_name, zip FROM model").fetchone()
     region = value(connection, "region")
+    path = folder / Path(file_name).name
+    path.write_bytes(data)
+    return Inputs(
+        path,
+        scans(connection),
+        None if region is None else np.array(region),
+        _prior(value(connection, "prior")),
+        changed(preset("robust"), value(connection, "settings")),
+        value(connection, "particles"),
+        value(connection, "seed"),
+        value(connection, "method"),
+    )
+
+
+def restored_problem(connection: sqlite3.Connection) -> Problem:
+    """The problem of a recording, made again from its inputs."""
     with tempfile.TemporaryDirectory(prefix="recording-") as folder:
-        path = Path(folder) / Path(file_name).name
-        path.write_bytes(data)
-        return Inputs(
-            path,
-            scans(connection),
-            None if region is None else np.array(region),
-            _prior(value(connection, "prior")),
-            changed(preset("robust"), value(connection, "settings")),
-            value(connection, "particles"),
-            value(connection, "seed"),
-            value(connection, "method"),
-        ).problem()
+        return restored_inputs(connection, Path(folder)).problem()
 
 
 def model_zip(path: Path) -> bytes:

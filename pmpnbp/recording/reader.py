@@ -18,6 +18,7 @@ from pmpnbp.inference.belief import NEIGHBOUR, SOURCES, IterationReport, State
 from pmpnbp.inference.problem import Problem
 from pmpnbp.recording import inputs as inputs_module
 from pmpnbp.recording.arrays import Arrays, incoming_messages, to_report, to_state
+from pmpnbp.recording.inputs import Inputs
 from pmpnbp.recording.schema import APPLICATION_ID, VERSION, unpack
 from pmpnbp.settings import Settings, changed, preset
 
@@ -61,6 +62,13 @@ class Recording:
         """Close the file."""
         self._connection.close()
 
+    def restored_inputs(self, folder: Path) -> Inputs:
+        """The inputs as a writer takes them, to begin another run from; the model becomes a file in `folder`."""
+        try:
+            return inputs_module.restored_inputs(self._connection, folder)
+        except _DAMAGE:
+            raise self._damaged("its model or scans") from None
+
     def inputs(self) -> dict[str, Any]:
         """`version`, `method`, `model` (its name), `parts`, `settings`, `prior`, `region`, `particles` and `seed`, as
         JSON has them."""
@@ -102,13 +110,20 @@ class Recording:
 
     def report(self, iteration: int) -> IterationReport:
         """The report of an iteration, equal bit for bit to the one that was written."""
-        scalars = self._scalars(iteration)
-        return to_report(iteration, scalars, self._arrays(iteration))
+        scalars, arrays = self._scalars(iteration), self._arrays(iteration)
+        try:
+            return to_report(iteration, scalars, arrays)
+        except _DAMAGE:  # an array is missing, or does not fit the others
+            raise self._damaged(f"iteration {iteration}") from None
 
     def state(self, iteration: int) -> State:
         """The state after an iteration; `advance` with it and `problem()` makes the next one again."""
         self._scalars(iteration)
-        return to_state(iteration, self._arrays(iteration))
+        arrays = self._arrays(iteration)
+        try:
+            return to_state(iteration, arrays)
+        except _DAMAGE:
+            raise self._damaged(f"iteration {iteration}") from None
 
     def why(self, iteration: int, part: int | str, particle: int) -> dict[str, Any]:
         """Why a particle weighs what it does, and where it comes from.

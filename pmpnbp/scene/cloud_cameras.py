@@ -103,7 +103,8 @@ def _no_finer_than(points: Array, camera: Camera, name: str) -> Camera:
 def _density(places: Array) -> float:
     """Points per unit of area where the points `places` (N, 2) are: the median over them of the density of their cell
     of a coarse grid, so that neither empty space nor a few strays count."""
-    cells = int(np.clip(np.sqrt(len(places) / 8), 1, 64))
+    # Some thirty points to a cell: with few, the cells that points are in are the fuller ones by chance.
+    cells = int(np.clip(np.sqrt(len(places) / 32), 1, 64))
     low = places.min(axis=0)
     span = np.maximum(np.ptp(places, axis=0), 1e-3)
     cell = np.minimum(((places - low) / span * cells).astype(np.int64), cells - 1)

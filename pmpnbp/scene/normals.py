@@ -17,7 +17,7 @@ REACH = 2
 # Neighbours that differ by more are taken for another surface, metres; and per square metre of depth squared.
 STEP, STEP_GROWTH = 0.03, 0.006
 # A window that no plane fits to within this is an edge, metres (root mean square).
-ROUGHNESS, ROUGHNESS_GROWTH = 0.008, 0.004
+ROUGHNESS, ROUGHNESS_GROWTH = 0.006, 0.004
 # Three points define a plane; fewer than this many do not confirm one.
 FEWEST = 7
 # Beyond 80° of incidence neither the depth nor the fit means much.

@@ -53,7 +53,7 @@ def pcd(
     viewpoint: str = "0 0 0 1 0 0 0",
     newline: str = "\n",
 ) -> bytes:
-    """A PCD of `points` (N, 3) or (H, W, 3); fields besides x, y and z are four bytes of 7, or `name:n` for n of them."""
+    """A PCD of `points` (N, 3) or (H, W, 3); a field besides x, y and z is a number 7, or with `name:n` n of them."""
     height, width = (1, len(points)) if points.ndim == 2 else points.shape[:2]
     flat = points.reshape(-1, 3)
     names = [field.split(":")[0] for field in fields]

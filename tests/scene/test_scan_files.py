@@ -183,7 +183,7 @@ def test_clouds_in_another_frame_than_the_camera_are_told(tmp_path: Path, camera
     np.save(tmp_path / "world.npy", world)
     with pytest.raises(ScanError, match=r"no pinhole camera puts the points of scan 'world\.npy' at their rows"):
         load_scan(tmp_path / "world.npy")
-    with pytest.raises(ScanError, match="sees the points of scan 'world.npy' .* pixels from their rows and columns"):
+    with pytest.raises(ScanError, match=r"sees the points of scan 'world\.npy' .* pixels from their rows and columns"):
         load_scan(tmp_path / "world.npy", camera_path)
 
 

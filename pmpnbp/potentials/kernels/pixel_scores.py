@@ -36,10 +36,12 @@ def pack_view(depth: NDArray[np.float32], category: NDArray[np.uint8]) -> NDArra
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"nsz", "contract"})
-def robust_pixel(
-    word: Any, rendered: Any, tolerance: Any, free_space_cost: Any, occlusion_cost: Any, support_reward: Any
-) -> Any:
-    """Score of a covered pixel whose packed observation is `word` and whose rendered depth is `rendered`, float32."""
+def robust_pixel(word: Any, rendered: Any, terms: Any) -> Any:
+    """Score of a covered pixel whose packed observation is `word` and whose rendered depth is `rendered`, float32.
+
+    terms : tolerance, free space cost, occlusion cost, support reward, float32
+    """
+    tolerance, free_space_cost, occlusion_cost, support_reward = terms
     category = word & _CATEGORY_BITS
     difference = np.int32(word).view(np.float32) - rendered
     ratio = difference / tolerance

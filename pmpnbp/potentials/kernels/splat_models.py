@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from pmpnbp.potentials.kernels.rasteriser import LANES, scan_triangle
+from pmpnbp.potentials.kernels.triangles import LANES, scan_triangle
 
 # Side of the drawn grid, a power of two; doubled up to FINEST while fewer than ENOUGH pixels are drawn.
 COARSEST, FINEST, ENOUGH = 64, 512, 2000
@@ -68,20 +68,21 @@ def _sample(vertices: Any, faces: Any, cell: int, size: int, order: Any, points:
     extent_u = max(us.max() - least_u, 1e-9)
     extent_v = max(vs.max() - least_v, 1e-9)
     # the front is what is largest, and must be above the empty buffer's zero
-    margin = 1e-3 * (most_w - ws.min()) + 1e-6
+    nearest = most_w + 1e-3 * (most_w - ws.min()) + 1e-6
     side, drawn = COARSEST, 0
     while True:
         pixel_u, pixel_v = extent_u / side, extent_v / side
-        buffer = np.zeros((side, side + LANES), dtype=np.float32)
-        flat = buffer.ravel()
+        flat = np.zeros(side * side + LANES, dtype=np.float32)
+        buffer = flat[: side * side].reshape(side, side)
+        target = (flat, None, 0, side, side, side)
         for f in range(faces.shape[1]):
             i, j, k = faces[0, f], faces[1, f], faces[2, f]
             scan_triangle(
-                flat, None, 0, side + LANES, side, side,
-                (us[i] - least_u) / pixel_u - 0.5, (vs[i] - least_v) / pixel_v - 0.5, most_w + margin - ws[i],
-                (us[j] - least_u) / pixel_u - 0.5, (vs[j] - least_v) / pixel_v - 0.5, most_w + margin - ws[j],
-                (us[k] - least_u) / pixel_u - 0.5, (vs[k] - least_v) / pixel_v - 0.5, most_w + margin - ws[k],
-            )  # fmt: skip
+                target,
+                ((us[i] - least_u) / pixel_u - 0.5, (vs[i] - least_v) / pixel_v - 0.5, nearest - ws[i]),
+                ((us[j] - least_u) / pixel_u - 0.5, (vs[j] - least_v) / pixel_v - 0.5, nearest - ws[j]),
+                ((us[k] - least_u) / pixel_u - 0.5, (vs[k] - least_v) / pixel_v - 0.5, nearest - ws[k]),
+            )
         drawn = 0
         for row in range(side):
             for column in range(side):
@@ -102,7 +103,7 @@ def _sample(vertices: Any, faces: Any, cell: int, size: int, order: Any, points:
             while taken < wanted and (taken + 0.5) * drawn < passed * wanted:
                 u = least_u + (column + 0.5) * pixel_u
                 v = least_v + (row + 0.5) * pixel_v
-                w = most_w + margin - value
+                w = nearest - value
                 place = order[taken]
                 points[0, place] = ax * u + bx * v + dx * w
                 points[1, place] = ay * u + by * v + dy * w
@@ -112,7 +113,7 @@ def _sample(vertices: Any, faces: Any, cell: int, size: int, order: Any, points:
 
 
 @njit(nogil=True, cache=True, error_model="numpy", parallel=True)
-def _sample_directions(vertices, faces, size, order, points, areas):  # type: ignore[no-untyped-def]
+def _sample_directions(vertices: Any, faces: Any, size: int, order: Any, points: Any, areas: Any) -> None:
     for cell in prange(size * size):
         areas[cell] = _sample(vertices, faces, cell, size, order[cell], points[cell])
 

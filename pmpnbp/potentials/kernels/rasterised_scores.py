@@ -1,0 +1,149 @@
+"""The unary potential of many part poses, or whole objects, by the rasteriser: every covered pixel is scored."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import get_num_threads, njit, prange
+from numpy.typing import NDArray
+
+from pmpnbp.potentials.kernels.pixel_scores import distance_pixel, robust_pixel
+from pmpnbp.potentials.kernels.rasteriser import draw_object, draw_part, scratch
+
+# Below this many poses a parallel launch costs more than it saves.
+PARALLEL_FROM = 32
+
+_ZERO, _ONE = np.float32(0), np.float32(1)
+
+
+@njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+def _sum_robust(buffer: Any, stride: int, box: Any, packed: Any, terms: Any) -> float:
+    left, right, top, bottom = box
+    total = 0.0
+    for row in range(top, bottom + 1):
+        drawn = buffer[(row - top) * stride : (row - top) * stride + right - left + 1]
+        words = packed[row + 1, left + 1 : right + 2]
+        row_total: Any = _ZERO
+        for k in range(right - left + 1):
+            w = drawn[k]
+            score = robust_pixel(words[k], _ONE / (w if w > _ZERO else _ONE), terms)
+            row_total += score if w > _ZERO else _ZERO
+        total += row_total
+    return total
+
+
+@njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+def _sum_distance(buffer: Any, stride: int, box: Any, packed: Any, lens: Any) -> float:
+    left, right, top, bottom = box
+    total = 0.0
+    step, first = np.float32(1.0 / lens[0]), np.float32((left - lens[2]) / lens[0])
+    for row in range(top, bottom + 1):
+        drawn = buffer[(row - top) * stride : (row - top) * stride + right - left + 1]
+        words = packed[row + 1, left + 1 : right + 2]
+        y = np.float32((row - lens[3]) / lens[1])
+        row_total: Any = _ZERO
+        for k in range(right - left + 1):
+            w, x = drawn[k], first + np.float32(k) * step
+            score = distance_pixel(words[k], _ONE / (w if w > _ZERO else _ONE), np.sqrt(x * x + y * y + _ONE))
+            row_total += score if w > _ZERO else _ZERO
+        total += row_total
+    return total
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _add_part_range(
+    start: int, step: int, image: Any, mesh: Any, part: Any, poses: Any, terms: Any, robust: bool, out: Any
+) -> None:
+    packed, lens, pose_camera_world = image
+    view = (lens, pose_camera_world, packed.shape[1] - 2, packed.shape[0] - 2)
+    room = scratch(mesh, view[2], view[3])
+    terms32 = (terms[0], terms[1], terms[2], terms[3])
+    for i in range(start, len(part), step):
+        box, stride = draw_part(part[i], poses[i], view, mesh, room)
+        if robust:
+            out[i] += _sum_robust(room[5], stride, box, packed, terms32)
+        else:
+            out[i] += _sum_distance(room[5], stride, box, packed, lens)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _add_object_range(
+    start: int, step: int, image: Any, mesh: Any, poses: Any, terms: Any, robust: bool, out: Any
+) -> None:
+    packed, lens, pose_camera_world = image
+    view = (lens, pose_camera_world, packed.shape[1] - 2, packed.shape[0] - 2)
+    room = scratch(mesh, view[2], view[3])
+    terms32 = (terms[0], terms[1], terms[2], terms[3])
+    for i in range(start, len(poses), step):
+        box, stride = draw_object(poses[i], view, mesh, room)
+        left, right, top, bottom = box
+        for row in range(top, bottom + 1):
+            y = (row - lens[3]) / lens[1]
+            for column in range(left, right + 1):
+                place = np.uint64((row - top) * stride + column - left)
+                w = room[5][place]
+                if w > _ZERO:
+                    word = packed[row + 1, column + 1]
+                    if robust:
+                        score = robust_pixel(word, _ONE / w, terms32)
+                    else:
+                        x = (column - lens[2]) / lens[0]
+                        score = distance_pixel(word, _ONE / w, np.float32(np.sqrt(x * x + y * y + 1.0)))
+                    out[i, room[6][place]] += score
+
+
+@njit(nogil=True, cache=True, error_model="numpy", parallel=True)
+def _add_parts_parallel(
+    blocks: int, image: Any, mesh: Any, part: Any, poses: Any, terms: Any, robust: bool, out: Any
+) -> None:
+    for block in prange(blocks):
+        _add_part_range(block, blocks, image, mesh, part, poses, terms, robust, out)
+
+
+@njit(nogil=True, cache=True, error_model="numpy", parallel=True)
+def _add_objects_parallel(blocks: int, image: Any, mesh: Any, poses: Any, terms: Any, robust: bool, out: Any) -> None:
+    for block in prange(blocks):
+        _add_object_range(block, blocks, image, mesh, poses, terms, robust, out)
+
+
+def add_part_scores(
+    image: Any,
+    mesh: Any,
+    part: NDArray[np.int32],
+    poses: NDArray[np.float64],
+    terms: NDArray[np.float32],
+    robust: bool,
+    out: NDArray[np.float64],
+) -> None:
+    """Add to `out` (B,) the score of each part pose, drawn alone, in one view, in pixels (robust) or metre pixels.
+
+    image : (packed (h + 2, w + 2), see `pack_view`; lens fx fy cx cy; pose_camera_world (7,))
+    mesh : see `rasteriser`; part : (B,); poses : (B, 7), part in world
+    terms : tolerance, free space cost, occlusion cost, support reward
+    """
+    if len(part) < PARALLEL_FROM or get_num_threads() == 1:
+        _add_part_range(0, 1, image, mesh, part, poses, terms, robust, out)
+    else:
+        _add_parts_parallel(_blocks(len(part)), image, mesh, part, poses, terms, robust, out)
+
+
+def add_object_scores(
+    image: Any,
+    mesh: Any,
+    poses: NDArray[np.float64],
+    terms: NDArray[np.float32],
+    robust: bool,
+    out: NDArray[np.float64],
+) -> None:
+    """As `add_part_scores` for whole objects at poses (B, N, 7), all parts drawn into one z-buffer: out (B, N) gets
+    each part's share, from the pixels in which it is in front."""
+    if len(poses) * len(mesh[3]) < PARALLEL_FROM or get_num_threads() == 1:
+        _add_object_range(0, 1, image, mesh, poses, terms, robust, out)
+    else:
+        _add_objects_parallel(_blocks(len(poses)), image, mesh, poses, terms, robust, out)
+
+
+def _blocks(count: int) -> int:
+    """A few blocks for each thread, so that one with slower poses does not keep the others waiting."""
+    return min(count, 4 * get_num_threads())

@@ -1,0 +1,133 @@
+"""The specification of the unary potential's kernels: the same in plain NumPy, one pose at a time, slow and obvious.
+
+The rasteriser's twin tests the ray of every pixel against every triangle in space, so it shares no step with the
+kernel, which draws spans in the image.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.potentials.kernels.pixel_scores import NO_DEPTH, OBJECT, SUPPORT
+from pmpnbp.potentials.kernels.projection import NEAR
+
+Floats = NDArray[np.floating]
+
+
+def robust_scores(observed: Floats, category: NDArray[np.uint8], rendered: Floats, terms: Floats) -> Floats:
+    """Scores of covered pixels, any shape, from observed and rendered depth in metres and the observation's category.
+
+    terms : tolerance, free space cost, occlusion cost, support reward
+    Within the tolerance 1 - (difference / tolerance)², on a support plane times the support reward, outside the
+    region of interest 0. Observed behind the rendered surface: minus the free space cost. Observed in front: minus
+    the occlusion cost, but a part behind a support plane costs as much as one in free space.
+    """
+    tolerance, free_space_cost, occlusion_cost, support_reward = terms
+    difference = observed - rendered
+    reward = np.where(category == OBJECT, 1.0, np.where(category == SUPPORT, support_reward, 0.0))
+    in_front = np.where(category == SUPPORT, -free_space_cost, -occlusion_cost)
+    outlier = np.where(difference > 0, -free_space_cost, in_front)
+    score = np.where(np.abs(difference) < tolerance, reward * (1.0 - (difference / tolerance) ** 2), outlier)
+    return np.where(category == NO_DEPTH, 0.0, score)
+
+
+def distance_scores(observed: Floats, category: NDArray[np.uint8], rendered: Floats, ray_length: Floats) -> Floats:
+    """Minus the distance d of eq. 10, metres, between observed and rendered point of each covered pixel, both on its
+    ray, whose length at depth 1 is `ray_length`. 0 where nothing was observed in the region of interest."""
+    distance = np.abs(observed - rendered) * ray_length
+    return np.where((category == OBJECT) | (category == SUPPORT), -distance, 0.0)
+
+
+def splat_score(
+    depth: Floats,
+    category: NDArray[np.uint8],
+    lens: Floats,
+    points: Floats,
+    area: float,
+    terms: Floats,
+    robust: bool,
+) -> float:
+    """Score of one part from points (P, 3) of its visible surface, in the camera's frame.
+
+    Each point stands for area * fx * fy / z² / P pixels like the one nearest to it. depth, category : (h, w) of the
+    observation; lens : fx fy cx cy; area : m², across the line of sight. Points that fall outside the image, or lie
+    nearer than 5 cm, cover nothing.
+    """
+    fx, fy, cx, cy = lens
+    height, width = depth.shape
+    seen = points[points[:, 2] > 0.05]
+    x, y, z = seen.T
+    column, row = np.floor(x / z * fx + cx + 0.5), np.floor(y / z * fy + cy + 0.5)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    x, y, z = x[inside], y[inside], z[inside]
+    at = row[inside].astype(int), column[inside].astype(int)
+    if robust:
+        scores = robust_scores(depth[at], category[at], z, terms)
+    else:
+        scores = distance_scores(depth[at], category[at], z, np.sqrt((x / z) ** 2 + (y / z) ** 2 + 1.0))
+    return float(np.sum(scores * area * fx * fy / z**2) / len(points))
+
+
+def draw(vertices: Floats, faces: NDArray[np.int32], lens: Floats, width: int, height: int) -> NDArray[np.float64]:
+    """Depth image (height, width), metres, 0 where nothing is, of triangles in the camera's frame.
+
+    vertices : (V, 3); faces : (F, 3); lens : fx fy cx cy. A pixel's ray r = (x, y, 1) meets the triangle a b c in
+    z r = (ka a + kb b + kc c) / (ka + kb + kc) with ka = (b x c) . r and so on, if none of the k has a sign other
+    than that of a . (b x c); there z = a . (b x c) / (ka + kb + kc). What lies before the near plane is not drawn.
+    """
+    fx, fy, cx, cy = lens
+    column, row = np.meshgrid(np.arange(width), np.arange(height))
+    rays = np.stack([(column - cx) / fx, (row - cy) / fy, np.ones((height, width))], axis=-1)
+    nearest = np.full((height, width), np.inf)
+    for face in faces:
+        a, b, c = np.asarray(vertices[face], dtype=np.float64)
+        volume = a @ np.cross(b, c)
+        if volume == 0.0:
+            continue
+        shares = np.stack([rays @ np.cross(b, c), rays @ np.cross(c, a), rays @ np.cross(a, b)]) / volume
+        inverse = shares.sum(axis=0)
+        hit = np.all(shares >= 0, axis=0) & (inverse > 0)
+        depth = 1.0 / np.where(hit, inverse, 1.0)
+        nearest = np.where(hit & (depth >= NEAR), np.minimum(nearest, depth), nearest)
+    return np.where(np.isfinite(nearest), nearest, 0.0)
+
+
+def part_score(
+    depth: Floats,
+    category: NDArray[np.uint8],
+    lens: Floats,
+    vertices: Floats,
+    faces: NDArray[np.int32],
+    terms: Floats,
+    robust: bool,
+) -> float:
+    """Score of one part, drawn alone from vertices (V, 3) in the camera's frame: the sum over its covered pixels."""
+    return float(object_shares(depth, category, lens, [vertices], [faces], terms, robust)[0])
+
+
+def object_shares(
+    depth: Floats,
+    category: NDArray[np.uint8],
+    lens: Floats,
+    vertices: list[Floats],
+    faces: list[NDArray[np.int32]],
+    terms: Floats,
+    robust: bool,
+) -> NDArray[np.float64]:
+    """Each part's share (N,) of an object's score: the sum over the pixels in which the part is in front."""
+    height, width = depth.shape
+    fx, fy, cx, cy = lens
+    column, row = np.meshgrid(np.arange(width), np.arange(height))
+    ray_length = np.sqrt(((column - cx) / fx) ** 2 + ((row - cy) / fy) ** 2 + 1.0)
+    drawn = np.stack([draw(*part, lens, width, height) for part in zip(vertices, faces, strict=True)])
+    distance = np.where(drawn > 0, drawn, np.inf)
+    front = distance.argmin(axis=0)
+    rendered = distance.min(axis=0)
+    covered = np.isfinite(rendered)
+    rendered = np.where(covered, rendered, 0.0)
+    if robust:
+        scores = robust_scores(depth, category, rendered, terms)
+    else:
+        scores = distance_scores(depth, category, rendered, ray_length)
+    return np.array([np.sum(scores[covered & (front == node)]) for node in range(len(faces))])

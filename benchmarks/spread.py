@@ -61,12 +61,19 @@ def row_of_parts(count: int, half_range: float = HALF_RANGE) -> ArticulatedObjec
     return assemble("row", "part0", joints, {f"part{k}": block for k in range(count)}, 100, 1.0)
 
 
-def gaussian_problem(settings: Settings, shifts: Array, stds: Array, particles: int, seed: int = 0) -> GaussianProblem:
+def gaussian_problem(
+    settings: Settings, shifts: Array, stds: Array, particles: int, seed: int = 0, half_range: float = HALF_RANGE
+) -> GaussianProblem:
     """A row of parts whose evidence is `shifts` (N,) off their places, with standard deviations `stds` (N,), metres."""
     up = np.array([0.0, 0.0, 1.0])
     nothing = Observation((), np.zeros((1, 3)), up[None], np.zeros((0, 4)), up, None)
     built = problem.build(
-        row_of_parts(len(shifts)), nothing, UniformPrior("upright"), settings, particles=particles, seed=seed
+        row_of_parts(len(shifts), half_range),
+        nothing,
+        UniformPrior("upright"),
+        settings,
+        particles=particles,
+        seed=seed,
     )
     means = np.zeros((len(shifts), 3))
     means[:, 0] = OFFSET * np.arange(len(shifts)) + shifts
@@ -133,9 +140,9 @@ def variants() -> dict[str, Settings]:
     found["paper, product"] = changed(paper, {"belief_product": "shared"})
     found["robust"] = robust
     found["robust, untempered"] = changed(robust, {"effective_share": 0.0})
-    found["robust, untempered, diffusion 10 mm"] = changed(
-        robust, {"effective_share": 0.0, "diffusion_position_end": 0.01}
-    )
+    without_memory = changed(robust, {"joint_memory": 0.0})
+    found["robust, joint_memory 0"] = without_memory
+    found["robust, joint_memory 0, neighbour_proposals 0"] = changed(without_memory, {"neighbour_proposals": 0.0})
     return found
 
 

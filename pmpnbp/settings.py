@@ -67,18 +67,18 @@ class Settings:
         True, "", "estimate the object as a whole each iteration, else each part's best particle", paper=False
     )
     neighbour_sum: bool = _setting(True, "", "weigh message samples by the sender's other messages (box 1 step 2c)")
-    anneal_iterations: int = _setting(12, "iterations", "over which tolerance and diffusion shrink", paper=0, low=0)
+    anneal_iterations: int = _setting(7, "iterations", "over which tolerance and diffusion shrink", paper=0, low=0)
     diffusion_position_start: float = _setting(0.04, "m", "diffusion of particles at first", low=0)
     diffusion_position_end: float = _setting(0.0015, "m", "diffusion of particles, once annealed", paper=0.01, low=0)
     diffusion_rotation_start: float = _setting(0.15, "rad", "turning of particles at first", low=0)
     diffusion_rotation_end: float = _setting(0.005, "rad", "turning of particles, once annealed", paper=0.05, low=0)
     search_iterations: int = _setting(
-        5, "iterations", "of whole-object search before belief propagation; 0 starts as the paper does", paper=0, low=0
+        4, "iterations", "of whole-object search before belief propagation; 0 starts as the paper does", paper=0, low=0
     )
     search_proposals: int = _setting(6000, "hypotheses", "tried in each iteration of the search", low=10)
     search_islands: int = _setting(40, "hypotheses", "distinct ones that survive each iteration of the search", low=1)
     refine_iterations: int = _setting(
-        4, "iterations", "after annealing that score with the rasteriser instead of splats", paper=0, low=0
+        2, "iterations", "after annealing that score with the rasteriser instead of splats", paper=0, low=0
     )
     converged_motion: float = _setting(0.001, "m", "largest motion of any part between iterations at rest", low=0)
     converged_iterations: int = _setting(3, "iterations", "at rest in a row that count as converged", low=1)

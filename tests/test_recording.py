@@ -20,7 +20,7 @@ from pmpnbp.errors import ModelError, RecordingError
 from pmpnbp.geometry import poses
 from pmpnbp.inference import run
 from pmpnbp.inference.belief import IterationReport, State
-from pmpnbp.recording import Inputs, Recording, RecordingWriter
+from pmpnbp.recording import Inputs, Recording, RecordingWriter, fold_log
 from pmpnbp.recording.inputs import model_zip
 from pmpnbp.recording.schema import APPLICATION_ID, pack, unpack
 from pmpnbp.scene import meshes
@@ -31,7 +31,9 @@ from pmpnbp.settings import changed, preset
 
 ROOT = Path(__file__).resolve().parent.parent
 CABINET = ROOT / "sample_data" / "cabinet"
-QUICK = {"search_iterations": 2, "search_proposals": 300, "anneal_iterations": 2, "refine_iterations": 1}
+# Small enough to be quick: what is recorded has the same form.
+SMALL = {"image_width": 80, "triangles": 60, "splat_points": 64}
+QUICK = SMALL | {"search_iterations": 2, "search_proposals": 300, "anneal_iterations": 2, "refine_iterations": 1}
 
 Iterations = list[tuple[IterationReport, State]]
 
@@ -108,7 +110,7 @@ def assert_same(a: object, b: object, without: tuple[str, ...] = ()) -> None:
 def test_any_iteration_can_be_done_again_from_the_file_alone(prior: str, changes: dict, tmp_path: Path) -> None:
     inputs = inputs_of(prior, **changes)
     if changes.get("preset") == "paper":  # QUICK would have undone the preset's own schedule
-        own = {name: value for name, value in changes.items() if name != "preset"}
+        own = SMALL | {name: value for name, value in changes.items() if name != "preset"}
         inputs = replace(inputs, settings=changed(preset("paper"), own))
     problem, made = iterations_of(inputs, 5)
     with Recording(recorded(tmp_path / "run.sqlite", inputs, problem, made)) as recording:
@@ -175,12 +177,12 @@ def test_why_names_where_a_particle_comes_from(path: Path, uniform: tuple[Inputs
         assert recording.why(1, "frame", 0)["source"] == "surface"
         assert recording.why(1, "frame", 0)["messages"] == []
         json.dumps(told, allow_nan=False)
-        with pytest.raises(RecordingError, match="part 'door' is not in the recording; it has frame, drawer1"):
+        with pytest.raises(RecordingError, match=r"part 'door' is not in the recording; it has frame, drawer1"):
             recording.why(4, "door", 0)
-        with pytest.raises(RecordingError, match="particle 40 is not in the recording; a part has particles 0 to 39"):
+        with pytest.raises(RecordingError, match=r"particle 40 is not in the recording; a part has particles 0 to 39"):
             recording.why(4, "frame", 40)
         with pytest.raises(
-            RecordingError, match="iteration 7 is not in recording 'run.sqlite'; it has iterations 0 to"
+            RecordingError, match=r"iteration 7 is not in recording 'run.sqlite'; it has iterations 0 to"
         ):
             recording.report(7)
 
@@ -196,6 +198,7 @@ def test_it_can_be_read_while_it_is_written(tmp_path: Path, uniform: tuple[Input
             while len(recording.iterations()) <= k and time.monotonic() < patience:
                 time.sleep(0.002)
             assert_same(recording.report(k), report)
+        assert not fold_log(path)  # its writer is alive
     with Recording(path) as recording:
         assert len(recording.iterations()) == len(made)
 
@@ -229,6 +232,10 @@ def test_a_kill_at_any_instant_leaves_whole_iterations(path: Path, tmp_path: Pat
         for k in there[-20:]:
             assert_same(killed.report(k), replace(source.report(known[k % len(known)]), iteration=k))
         assert killed.inputs() == source.inputs()
+    assert fold_log(target)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["cabinet.zip", "killed.sqlite"]
+    with Recording(target) as folded:
+        assert folded.iterations() == there
     check = sqlite3.connect(target)
     assert check.execute("PRAGMA integrity_check").fetchone() == ("ok",)
     check.close()
@@ -246,7 +253,7 @@ def test_a_file_cut_short_opens_as_far_as_it_is_whole(path: Path, tmp_path: Path
                 for k in recording.iterations():
                     assert_same(recording.report(k), whole.report(k))
                 for k in set(whole.iterations()) - set(recording.iterations()):
-                    with pytest.raises(RecordingError, match="'cut.sqlite'"):
+                    with pytest.raises(RecordingError, match=r"'cut.sqlite'"):
                         recording.report(k)
         except RecordingError as error:
             assert "damaged" in str(error)
@@ -289,30 +296,30 @@ def test_over_its_size_every_second_is_kept_then_every_fourth(
         assert len(recording.notes()) == np.log2(stride)
         assert f"every {stride}th is kept" in recording.notes()[-1]
         assert_same(recording.report(99), many[99][0])
-        with pytest.raises(RecordingError, match="iteration 1 of recording 'run.sqlite' was thinned out"):
+        with pytest.raises(RecordingError, match=r"iteration 1 of recording 'run.sqlite' was thinned out"):
             recording.report(1)
     assert path.stat().st_size < limit + 200_000
 
 
 def test_what_is_no_recording_is_refused_in_a_sentence(tmp_path: Path, path: Path) -> None:
-    with pytest.raises(RecordingError, match="recording 'none.sqlite' is not there"):
+    with pytest.raises(RecordingError, match=r"recording 'none.sqlite' is not there"):
         Recording(tmp_path / "none.sqlite")
     text = tmp_path / "text.sqlite"
     text.write_text("not a database, but long enough to have a header of a hundred bytes" * 20)
-    with pytest.raises(RecordingError, match="'text.sqlite' is not a recording"):
+    with pytest.raises(RecordingError, match=r"'text.sqlite' is not a recording"):
         Recording(text)
     other = tmp_path / "other.sqlite"
     with sqlite3.connect(other) as connection:
         connection.execute("CREATE TABLE mine (x)")
     connection.close()
-    with pytest.raises(RecordingError, match="'other.sqlite' is not a recording of pmpnbp"):
+    with pytest.raises(RecordingError, match=r"'other.sqlite' is not a recording of pmpnbp"):
         Recording(other)
     newer = tmp_path / "newer.sqlite"
     newer.write_bytes(path.read_bytes())
     with sqlite3.connect(newer) as connection:
         connection.execute("PRAGMA user_version = 2")
     connection.close()
-    with pytest.raises(RecordingError, match="'newer.sqlite' has format 2; this version reads up to 1"):
+    with pytest.raises(RecordingError, match=r"'newer.sqlite' has format 2; this version reads up to 1"):
         Recording(newer)
 
 

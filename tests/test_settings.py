@@ -37,7 +37,12 @@ def test_every_setting_reads_its_own_value_as_text(name: str) -> None:
 @pytest.mark.parametrize("name", ENTRIES)
 def test_every_setting_refuses_nonsense(name: str) -> None:
     kind = type(ENTRIES[name].default)
-    bad = {bool: ["perhaps", "2"], str: ["nonsense"], int: ["1.5", "many", "-1", "nan"], float: ["nan", "inf", "-1", "x"]}
+    bad = {
+        bool: ["perhaps", "2"],
+        str: ["nonsense"],
+        int: ["1.5", "many", "-1", "nan"],
+        float: ["nan", "inf", "-1", "x"],
+    }
     for value in bad[kind]:
         with pytest.raises(SettingError, match=name) as error:
             changed(Settings(), {name: value})
@@ -46,7 +51,9 @@ def test_every_setting_refuses_nonsense(name: str) -> None:
 
 
 def test_an_unknown_name_is_told_what_there_is() -> None:
-    with pytest.raises(SettingError, match="setting 'particels' does not exist; there are preset, image_width") as error:
+    with pytest.raises(
+        SettingError, match="setting 'particels' does not exist; there are preset, image_width"
+    ) as error:
         changed(Settings(), {"particels": 3})
     assert one_sentence(error)
     for name in ENTRIES:

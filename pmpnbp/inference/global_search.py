@@ -29,12 +29,27 @@ from pmpnbp.settings import Schedule, schedule
 
 # Splats a part is judged by in the search; a hypothesis that is far off needs no more to be dropped.
 SEARCH_POINTS = 64
-# Hypotheses that are polished and compared at the end, over how many rounds, and at how many times the end tolerance.
-FINALISTS = 5
-RIVALS = 3
-POLISH_ROUNDS = 3
+# Places near each quarter turn of a finalist that are tried.
 FLIP_PLACES = 50
+# The last comparison is made at this many times the tolerance that annealing ends at.
 FINAL_TOLERANCE = 2.0
+
+
+@dataclass(frozen=True)
+class Settling:
+    """How much is spent on the last word of the search: hypotheses polished, over how many rounds, and the rivals among
+    them that are polished further and compared."""
+
+    finalists: int
+    rounds: int
+    rivals: int
+    last_rounds: int
+
+
+# Without a prior quarter turns of the whole object compete, which differ by little until they are in place; a prior
+# leaves mostly one.
+SETTLE_UNINFORMED = Settling(finalists=5, rounds=3, rivals=4, last_rounds=12)
+SETTLE_INFORMED = Settling(finalists=3, rounds=2, rivals=2, last_rounds=4)
 
 
 @dataclass(frozen=True)
@@ -100,7 +115,8 @@ def _settled(
     Until here a good hypothesis a little out of place may have been worth less than a wrong one in its best place; so
     they are compared in their best places, at a tight tolerance.
     """
-    finalists = finalists.taken(np.arange(min(FINALISTS, len(finalists.roots))))
+    effort = SETTLE_UNINFORMED if isinstance(problem.prior, UniformPrior) else SETTLE_INFORMED
+    finalists = finalists.taken(np.arange(min(effort.finalists, len(finalists.roots))))
     if isinstance(problem.prior, UniformPrior):
         centre = poses.transform_points(finalists.part_poses[:, 0], problem.mrf.centres[0])
         turned = np.concatenate([_turned(rng, problem, finalists.roots, centre, quarter) for quarter in (1, 2, 3)])
@@ -115,11 +131,11 @@ def _settled(
         flips = walk(rng, problem, (near, finalists.joints[parent], *origins), plan)
         best = flips.unary.sum(axis=1).reshape(-1, FLIP_PLACES).argmax(axis=1) + np.arange(len(turned)) * FLIP_PLACES
         finalists = finalists.joined(flips.taken(best))
-    finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, POLISH_ROUNDS)
+    finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, effort.rounds)
     order = np.argsort(-score, kind="stable")
-    distinct, _ = _distinct(problem, finalists, order, RIVALS, plan.diffusion_position)
+    distinct, _ = _distinct(problem, finalists, order, effort.rivals, plan.diffusion_position)
     tight = FINAL_TOLERANCE * problem.settings.tolerance_end
-    return _polished(rng, problem, finalists.taken(distinct), plan, tight, 3 * POLISH_ROUNDS)
+    return _polished(rng, problem, finalists.taken(distinct), plan, tight, effort.last_rounds)
 
 
 def _polished(
@@ -141,7 +157,8 @@ def _proposals(
 ) -> tuple[Array, Array, NDArray[np.uint8], NDArray[np.int32]]:
     """Roots, joints, source and ancestor: new ones, and offspring of the islands (most of them later on)."""
     settings = problem.settings
-    count = settings.search_proposals
+    # a gaussian prior leaves less to look through
+    count = settings.search_proposals if isinstance(problem.prior, UniformPrior) else settings.search_proposals // 2
     parents = None if number == 1 else np.unique(state.belief.island[0], return_index=True)[1]
     offspring = 0 if parents is None else round(count * min(0.9, 0.3 + 0.6 * number / settings.search_iterations))
     fresh = count - offspring

@@ -108,7 +108,7 @@ def _single(edge: Edge, pose_parent_child: Array) -> Array:
         return np.clip(moved[..., :3] @ edge.axes[0], lower, upper)[..., None]
     middle = (lower + upper) / 2
     twist = 2.0 * np.arctan2(moved[..., 4:] @ edge.axes[0], moved[..., 3])
-    return (middle + np.clip(_wrap(twist - middle), lower - middle, upper - middle))[..., None]
+    return np.clip(middle + _wrap(twist - middle), lower, upper)[..., None]
 
 
 def _wrap(angle: Array) -> Array:

@@ -75,10 +75,9 @@ def prepare_surfaces(
         centres[node] = (lower + upper) / 2.0
         faces[node], one_sided[node] = _outward(vertices[node], faces[node])
         order = np.argsort(generator.random((directions, points)), axis=1).astype(np.int32)
-        splat_models.sample_directions(
-            np.ascontiguousarray(vertices[node].T), np.ascontiguousarray(faces[node].T), size, order,
-            clouds[node], areas[node],
-        )  # fmt: skip
+        jitter = generator.random((directions, points))
+        columns = np.ascontiguousarray(vertices[node].T), np.ascontiguousarray(faces[node].T)
+        splat_models.sample_directions(*columns, size, order, jitter, clouds[node], areas[node])
     return Surfaces(
         points=clouds,
         areas=areas,

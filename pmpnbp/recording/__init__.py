@@ -6,6 +6,6 @@ writer was killed. `schema` says what is in the file.
 
 from pmpnbp.recording.inputs import Inputs
 from pmpnbp.recording.reader import Recording
-from pmpnbp.recording.writer import RecordingWriter
+from pmpnbp.recording.writer import RecordingWriter, fold_log
 
-__all__ = ["Inputs", "Recording", "RecordingWriter"]
+__all__ = ["Inputs", "Recording", "RecordingWriter", "fold_log"]

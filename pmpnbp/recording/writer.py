@@ -148,6 +148,25 @@ class RecordingWriter:
         return RecordingError(f"recording '{self._path.name}' cannot be written: {error}")
 
 
+def fold_log(path: Path) -> bool:
+    """Fold the log that a killed writer left into the recording at `path`: one file again, to share.
+
+    Returns whether it now is; not while somebody else has it open. Raises RecordingError where it cannot be written.
+    """
+    path = Path(path)
+    log = path.with_name(path.name + "-wal")
+    if not log.exists():
+        return True
+    try:
+        with contextlib.closing(sqlite3.connect(path, isolation_level=None, timeout=0.1)) as connection:
+            connection.execute("PRAGMA journal_mode = DELETE")
+    except sqlite3.Error as error:
+        if log.exists() and "locked" in str(error):
+            return False
+        raise RecordingError(f"the log of recording '{path.name}' cannot be folded into it: {error}") from None
+    return not log.exists()
+
+
 def make_way(path: Path) -> None:
     """Remove an old recording at `path`. Raises RecordingError for any other file, so that none is lost by a slip."""
     try:

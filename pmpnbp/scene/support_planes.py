@@ -25,7 +25,7 @@ HYPOTHESES, JUDGES = 200, 2000
 BEHIND = 0.03
 # Share of all points, and length and breadth in metres, that a support plane has at least.
 LEAST_SHARE = 0.03
-LEAST_LENGTH, LEAST_BREADTH = 0.6, 0.25
+LEAST_LENGTH, LEAST_BREADTH = 0.6, 0.1
 # Share of its points that lie outside the region of interest, and of the picture's border that shows it.
 LEAST_OUTSIDE = 0.3
 LEAST_BORDER = 0.04
@@ -41,7 +41,7 @@ LEAST_OUTSIDE_TABLE = 0.15
 # Cosine to the vertical of a level plane (15°), and where the vertical is only presumed (60°).
 LEVEL, PRESUMED_LEVEL = 0.966, 0.5
 # Points this many tolerances from a plane found belong to no further one: the skirts of a noisy wall would be walls.
-SKIRT = 3.0
+SKIRT = 1.0
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -190,25 +189,13 @@ def test_interrupted_it_still_writes_what_it_found(tmp_path: Path) -> None:
         assert recording.iterations()[-1] in (result["iteration"], result["iteration"] - 1)
 
 
-def without(*marks: str) -> Callable[[str], str]:
-    """The cabinet's URDF with its first occurrence of each mark removed."""
-
-    def change(text: str) -> str:
-        for mark in marks:
-            assert mark in text
-            text = text.replace(mark, "", 1)
-        return text
-
-    return change
-
-
 @pytest.mark.parametrize(
     ("urdf", "sentence"),
     [
         ("hello", "not"),
         ("<html/>", "robot"),
-        ('<robot name="r"><link name="a"><visual><geometry><mesh filename="gone.stl"/></geometry></visual></link></robot>',
-         "mesh 'gone.stl' of link 'a' is missing"),
+        ('<robot name="r"><link name="a"><visual><geometry><mesh filename="gone.stl"/></geometry></visual></link>'
+         "</robot>", "mesh 'gone.stl' of link 'a' is missing"),
         ('<robot name="r"><link name="a"/><link name="b"/><joint name="slide" type="prismatic"><parent link="a"/>'
          '<child link="b"/></joint></robot>', "joint 'slide'"),
         ('<robot name="r"><link name="a"><visual><origin xyz="nan 0 0"/><geometry><box size="1 1 1"/></geometry>'

@@ -83,10 +83,7 @@ class SlowBoxes:
     ) -> list[float]:
         """Eq. 5 on samples that all messages have weighed: the belief's weights."""
         return normalised(
-            [
-                self.phi(s, mu) ** power * math.prod(factor[i] for factor in factors)
-                for i, mu in enumerate(samples)
-            ]
+            [self.phi(s, mu) ** power * math.prod(factor[i] for factor in factors) for i, mu in enumerate(samples)]
         )
 
 

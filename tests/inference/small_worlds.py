@@ -28,7 +28,9 @@ X, Y, Z = np.eye(3)
 NOTHING_SEEN = Observation((), np.zeros((1, 3)), UP[None], np.zeros((0, 4)), UP, None)
 
 
-def at(x: float = 0.0, y: float = 0.0, z: float = 0.0, roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> Array:
+def at(
+    x: float = 0.0, y: float = 0.0, z: float = 0.0, roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0
+) -> Array:
     """A pose (7,)."""
     return poses.from_xyz_rpy([x, y, z], [roll, pitch, yaw])
 

@@ -80,7 +80,9 @@ def test_upright_means_along_the_scenes_up_with_any_yaw(rng: np.random.Generator
         initialisation.matched_roots(rng, made, joints),
         initialisation.start(rng, made).belief.poses.reshape(-1, 7),
     ):
-        np.testing.assert_allclose(poses.rotate(drawn[:, 3:], worlds.UP), np.tile(direction, (len(drawn), 1)), atol=1e-6)
+        np.testing.assert_allclose(
+            poses.rotate(drawn[:, 3:], worlds.UP), np.tile(direction, (len(drawn), 1)), atol=1e-6
+        )
     # a horizontal surface says nothing about the yaw: the turns point everywhere
     heading = poses.rotate(initialisation.matched_roots(rng, made, joints)[:, 3:], worlds.X)
     assert np.linalg.norm(heading.mean(axis=0)) < 0.25  # 200 uniform headings: a chance of e^-12.5

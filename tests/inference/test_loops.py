@@ -33,9 +33,7 @@ def test_the_graph_lists_every_message_once_and_nobody_answers_himself() -> None
     model = worlds.four_bar()
     field = mrf.build(model)
     names = [part.name for part in model.parts]
-    sent = [
-        f"{names[t]} to {names[s]}" for t, s in zip(field.sender.tolist(), field.receiver.tolist(), strict=True)
-    ]
+    sent = [f"{names[t]} to {names[s]}" for t, s in zip(field.sender.tolist(), field.receiver.tolist(), strict=True)]
     pairs = ["link0 link1", "link1 link2", "link0 link3", "link3 link2"]
     both = [f"{a} to {b}" for pair in pairs for a, b in (pair.split(), pair.split()[::-1])]
     assert sent == both
@@ -100,7 +98,8 @@ def test_it_finds_the_truth_from_a_rough_prior(scene: problem.Problem, seed: int
     truth = model.part_poses(ROOT, ANGLES)
     report = list(run.iterate(replace(scene, seed=seed), 24))[-1]
     errors = [
-        add(model_points(part.mesh), pose, true) for part, pose, true in zip(model.parts, report.mle, truth, strict=True)
+        add(model_points(part.mesh), pose, true)
+        for part, pose, true in zip(model.parts, report.mle, truth, strict=True)
     ]
     assert max(errors) < 0.01
     # the loop closes in the estimate although the tree does not ask for it

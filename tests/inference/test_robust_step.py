@@ -191,9 +191,7 @@ def test_tempering_keeps_the_particles_effective_where_the_evidence_is_overwhelm
 
     effective = {}
     for setting in (0.0, share):
-        chosen = worlds.settings(
-            search_iterations=0, object_estimate=False, effective_share=setting, joint_draws=draws
-        )
+        chosen = worlds.settings(search_iterations=0, object_estimate=False, effective_share=setting, joint_draws=draws)
         problem = worlds.given_unary(model, steep, chosen, particles=particles)
         # the first iteration: no message has a neighbour's factor yet, which tempering leaves alone
         _, report = belief_propagation.step(np.random.default_rng(2), scattered_state(rng, problem), problem)

@@ -42,7 +42,8 @@ URDF = """<robot name="chest">
   <joint name="last" type="continuous"><parent link="lid"/><child link="tip"/><origin xyz="0.2 0 0"/>
     <axis xyz="0 0 1"/></joint>
   <link name="tip"/>
-  <joint name="glue" type="fixed"><parent link="lid"/><child link="knob"/><origin xyz="0 -0.3 0.02" rpy="0 0 1"/></joint>
+  <joint name="glue" type="fixed"><parent link="lid"/><child link="knob"/>
+    <origin xyz="0 -0.3 0.02" rpy="0 0 1"/></joint>
   <link name="knob"><visual><geometry><sphere radius="0.02"/></geometry></visual></link>
 </robot>"""
 
@@ -232,7 +233,7 @@ def test_poses_that_do_not_fit_together_are_brought_onto_the_tree(
     problem: Problem, rng: np.random.Generator, told: bool
 ) -> None:
     """The paper's estimate: each part's best particle, a joint vector that has nothing to do with it or none."""
-    part_poses, joints = standing(problem)
+    part_poses, _ = standing(problem)
     apart = scattered(rng, part_poses, 1, 0.01, 0.02)[:, 0]
     vector = np.zeros(problem.mrf.model.dof) if told else None
     root, found = readout.agreeing(problem, report_of(problem, apart, vector, np.repeat(apart[:, None], 300, axis=1)))

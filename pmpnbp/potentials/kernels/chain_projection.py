@@ -2,7 +2,7 @@
 
 Each pose is compared with a fixed set of starts through their
 linearisations, which do not depend on the pose and are made once; the best few are refined by Levenberg-Marquardt
-steps (damping as in Nielsen 1999, without its interpolation) in which a free motion that a bound stops is held.
+steps, in which a free motion that a bound stops is held there.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ def _compose(a, b, out):  # type: ignore[no-untyped-def]
 @njit(nogil=True)
 def _forward(before, revolute, axes, matrix, offset, q, end, along, origin, motion):  # type: ignore[no-untyped-def]
     """End of the chain (7,) at free motions q, and each axis's direction and place (K, 3) there."""
-    end[:] = 0.0
-    end[3] = 1.0
+    for d in range(7):
+        end[d] = 1.0 if d == 3 else 0.0
     for k in range(len(before)):
         _compose(end, before[k], end)
         position = offset[k]
@@ -84,7 +84,9 @@ def _error(end, target, length, error):  # type: ignore[no-untyped-def]
 @njit(nogil=True)
 def _slopes(revolute, matrix, end, along, origin, length, jacobian):  # type: ignore[no-untyped-def]
     """(6, F): how the end moves with each free motion."""
-    jacobian[:] = 0.0
+    for d in range(6):
+        for f in range(matrix.shape[1]):
+            jacobian[d, f] = 0.0
     for k in range(len(along)):
         ax, ay, az = along[k, 0], along[k, 1], along[k, 2]
         if revolute[k]:
@@ -119,17 +121,62 @@ def _solve(a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def _within(value, lower, upper, wraps):  # type: ignore[no-untyped-def]
-    if wraps:
-        return lower + (value - lower) % (2 * np.pi)
-    return min(max(value, lower), upper)
+def _normal_equations(jacobian, error, normal, gradient):  # type: ignore[no-untyped-def]
+    """Fills J^T J (F, F) and J^T e (F,), and returns the trace of the former."""
+    size = 1e-12
+    for f in range(len(gradient)):
+        gradient[f] = 0.0
+        for d in range(6):
+            gradient[f] += jacobian[d, f] * error[d]
+        for g in range(f + 1):
+            total = 0.0
+            for d in range(6):
+                total += jacobian[d, f] * jacobian[d, g]
+            normal[f, g] = total
+            normal[g, f] = total
+        size += normal[f, f]
+    return size
+
+
+@njit(nogil=True)
+def _bounded_step(normal, gradient, damping, q, lower, upper, wraps, held, work, change):  # type: ignore[no-untyped-def]
+    """The damped step, the first F of `change`: a free motion that would leave its bounds goes to the bound.
+
+    The other F of `change`, and `held` and `work`, are scratch.
+    """
+    free = len(q)
+    for f in range(free):
+        against = (q[f] <= lower[f] and gradient[f] < 0) or (q[f] >= upper[f] and gradient[f] > 0)
+        held[f] = against and not wraps[f]
+        change[f] = 0.0
+    # Each pass holds one more at least; what is held at its bound pulls on the others through the normal equations.
+    for _ in range(free + 1):
+        for f in range(free):
+            right = gradient[f]
+            for g in range(free):
+                if held[g]:
+                    right -= normal[f, g] * change[g]
+                work[f, g] = 0.0 if held[f] or held[g] else normal[f, g]
+            work[f, f] = 1.0 if held[f] else normal[f, f] + damping
+            change[free + f] = change[f] if held[f] else right
+        _solve(work, change[free:])
+        stopped = False
+        for f in range(free):
+            if not held[f]:
+                change[f] = change[free + f]
+                if not wraps[f] and (q[f] + change[f] < lower[f] or q[f] + change[f] > upper[f]):
+                    change[f] = min(max(change[f], lower[f] - q[f]), upper[f] - q[f])
+                    held[f] = True
+                    stopped = True
+        if not stopped:
+            break
 
 
 @njit(nogil=True)
 def _rank(starts, ends, jacobians, steps, lower, upper, wraps, target, length, error, chosen, costs):  # type: ignore[no-untyped-def]
     """The `_REFINED` starts (indices in `chosen`) whose linearised problem leaves least."""
-    costs[:] = np.inf
-    chosen[:] = 0
+    for slot in range(len(costs)):
+        costs[slot], chosen[slot] = np.inf, 0
     for s in range(len(starts)):
         _error(ends[s], target, length, error)
         for f in range(starts.shape[1]):
@@ -163,75 +210,77 @@ def _project(  # type: ignore[no-untyped-def]
     steps = linear.copy()
     end, motion, error, trial_error = np.empty(7), np.empty(7), np.empty(6), np.empty(6)
     along, origin = np.empty((depth, 3)), np.empty((depth, 3))
-    jacobian, normal, change = np.empty((6, free)), np.empty((free, free)), np.empty(free)
+    jacobian, normal, work = np.empty((6, free)), np.empty((free, free)), np.empty((free, free))
+    gradient, change, held = np.empty(free), np.empty(2 * free), np.empty(free, np.bool_)
     q, trial = np.empty(free), np.empty(free)
     chosen, costs = np.empty(min(_REFINED, len(starts)), np.int64), np.empty(min(_REFINED, len(starts)))
     for b in range(first, last):
         target = targets[b]
         _rank(starts, ends, jacobians, steps, lower, upper, wraps, target, length, error, chosen, costs)
         least = np.inf
-        for start in chosen:
-            q[:] = starts[start]
+        for rank in range(len(chosen)):
+            for f in range(free):
+                q[f] = starts[chosen[rank], f]
             _forward(before, revolute, axes, matrix, offset, q, end, along, origin, motion)
             cost = _error(end, target, length, error)
-            damping, growth = 1e-4, 2.0
+            damping, growth, settled = 1e-4, 2.0, False
             _slopes(revolute, matrix, end, along, origin, length, jacobian)
+            size = _normal_equations(jacobian, error, normal, gradient)
             for _ in range(_STEPS):
-                size = 1e-12
+                _bounded_step(normal, gradient, damping * size, q, lower, upper, wraps, held, work, change)
+                promised = 1e-300
                 for f in range(free):
-                    change[f] = 0.0
-                    for d in range(6):
-                        change[f] += jacobian[d, f] * error[d]
-                        size += jacobian[d, f] * jacobian[d, f]
-                for f in range(free):
+                    promised += 2 * gradient[f] * change[f]
                     for g in range(free):
-                        normal[f, g] = 0.0
-                        for d in range(6):
-                            normal[f, g] += jacobian[d, f] * jacobian[d, g]
-                    normal[f, f] += damping * size
-                for f in range(free):
-                    against = (q[f] <= lower[f] and change[f] < 0) or (q[f] >= upper[f] and change[f] > 0)
-                    if against and not wraps[f]:
-                        normal[f, :] = 0.0
-                        normal[:, f] = 0.0
-                        normal[f, f], change[f] = 1.0, 0.0
-                _solve(normal, change)
-                for f in range(free):
-                    trial[f] = _within(q[f] + change[f], lower[f], upper[f], wraps[f])
+                        promised -= change[f] * normal[f, g] * change[g]
+                    trial[f] = q[f] + change[f]
+                    if wraps[f]:
+                        trial[f] = lower[f] + (trial[f] - lower[f]) % (2 * np.pi)
                 _forward(before, revolute, axes, matrix, offset, trial, end, along, origin, motion)
                 reached = _error(end, target, length, trial_error)
                 if reached < cost:
-                    settled = cost - reached <= 1e-9 * cost + 1e-18
-                    q[:], error[:], cost = trial, trial_error, reached
-                    damping, growth = damping / 10, 2.0
+                    settled = damping < 1e-2 and cost - reached <= 1e-9 * cost + 1e-18
+                    before_step, cost = cost, reached
+                    for f in range(free):
+                        q[f] = min(max(trial[f], lower[f]), upper[f])
                     if settled:
                         break
+                    for d in range(6):
+                        error[d] = trial_error[d]
+                    # A linear model that promised much more than came does not deserve a longer step.
+                    gain = (before_step - reached) / promised
+                    damping = max(damping / 10, 1e-9) if gain > 0.75 else damping * 4 if gain < 0.5 else damping
+                    growth = 2.0
                     _slopes(revolute, matrix, end, along, origin, length, jacobian)
+                    size = _normal_equations(jacobian, error, normal, gradient)
                 else:
                     damping, growth = damping * growth, growth * 2
                     if damping > 1e6:
                         break
             if cost < least:
                 least = cost
-                result[b] = q
+                for f in range(free):
+                    result[b, f] = q[f]
 
 
 @njit(nogil=True)
 def _linearise(before, revolute, axes, matrix, offset, starts, length, ends, jacobians, linear):  # type: ignore[no-untyped-def]
+    """At every start the chain's end, how it moves, and the step (F, 6) that an error there asks for."""
     depth, free = matrix.shape
     along, origin, motion = np.empty((depth, 3)), np.empty((depth, 3)), np.empty(7)
-    normal, column = np.empty((free, free)), np.empty(free)
+    normal, column, unit = np.empty((free, free)), np.empty(free), np.zeros(6)
     for s in range(len(starts)):
         _forward(before, revolute, axes, matrix, offset, starts[s], ends[s], along, origin, motion)
         _slopes(revolute, matrix, ends[s], along, origin, length, jacobians[s])
         for d in range(6):
-            normal[:] = jacobians[s].T @ jacobians[s]
-            size = np.trace(normal)
+            unit[d] = 1.0
+            size = _normal_equations(jacobians[s], unit, normal, column)
+            unit[d] = 0.0
             for f in range(free):
-                normal[f, f] += 1e-3 * size + 1e-12
-                column[f] = jacobians[s, d, f]
+                normal[f, f] += 1e-3 * size
             _solve(normal, column)
-            linear[s, :, d] = column
+            for f in range(free):
+                linear[s, f, d] = column[f]
 
 
 @njit(nogil=True, cache=True)
@@ -301,8 +350,8 @@ def nearest_on_chain(
 ) -> NDArray[np.float64]:
     """Free motions (B, F) within bounds whose chain end comes closest to `targets`.
 
-    The chain's end is before_0 * motion_0 … before_K-1 * motion_K-1, axis k moved by (matrix @ free + offset)_k; what is
-    least is |position|² + (length * angle)² between it and the target, metres².
+    The chain's end is before_0 * motion_0 … before_K-1 * motion_K-1, with axis k moved by entry k of matrix @ free +
+    offset. What is least is |position|² + (length * angle)² between it and the target, metres².
 
     before : (K, 7) poses x y z qw qx qy qz; revolute : (K,); axes : (K, 3) unit vectors
     matrix : (K, F); offset : (K,); lower, upper, wraps : (F,), a free motion that wraps is an angle without bounds

@@ -1,7 +1,8 @@
 """The visible surface of a part as points, for each of a grid of directions to look along.
 
 The part is drawn in parallel projection, each direction on a grid fine enough to hold a few thousand pixels of it; the
-points are pixels taken at equal steps along the drawn pixels in Morton order, which spreads them over the area.
+points are drawn pixels, one from each of as many equal stretches of their Morton order, which spreads them over the
+area.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def _even_bits(code: int) -> int:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _sample(vertices: Any, faces: Any, cell: int, size: int, order: Any, points: Any) -> float:
+def _sample(vertices: Any, faces: Any, cell: int, size: int, order: Any, jitter: Any, points: Any) -> float:
     """Fill points (3, P) and return the projected area for one direction."""
     dx, dy, dz = cell_direction(cell, size)
     # any two axes across the direction; the smallest component keeps them well defined
@@ -93,14 +94,15 @@ def _sample(vertices: Any, faces: Any, cell: int, size: int, order: Any, points:
     wanted = points.shape[1]
     if drawn == 0:
         return 0.0
-    # every (drawn / wanted)-th drawn pixel, from half a step in, put at a random place of the list
+    # a random pixel of each stretch of drawn / wanted, put at a random place of the list; the same pixel of every
+    # stretch would be a lattice in the image, which miscounts narrow faces
     taken, passed = 0, 0
     for code in range(side * side):
         column, row = _even_bits(code), _even_bits(code >> 1)
         value = buffer[row, column]
         if value > 0:
             passed += 1
-            while taken < wanted and (taken + 0.5) * drawn < passed * wanted:
+            while taken < wanted and (taken + jitter[taken]) * drawn < passed * wanted:
                 u = least_u + (column + 0.5) * pixel_u
                 v = least_v + (row + 0.5) * pixel_v
                 w = nearest - value
@@ -113,9 +115,9 @@ def _sample(vertices: Any, faces: Any, cell: int, size: int, order: Any, points:
 
 
 @njit(nogil=True, cache=True, error_model="numpy", parallel=True)
-def _sample_directions(vertices: Any, faces: Any, size: int, order: Any, points: Any, areas: Any) -> None:
+def _sample_directions(vertices: Any, faces: Any, size: int, order: Any, jitter: Any, points: Any, areas: Any) -> None:
     for cell in prange(size * size):
-        areas[cell] = _sample(vertices, faces, cell, size, order[cell], points[cell])
+        areas[cell] = _sample(vertices, faces, cell, size, order[cell], jitter[cell], points[cell])
 
 
 def sample_directions(
@@ -123,11 +125,13 @@ def sample_directions(
     faces: NDArray[np.int32],
     size: int,
     order: NDArray[np.int32],
+    jitter: NDArray[np.float64],
     points: NDArray[np.float32],
     areas: NDArray[np.float32],
 ) -> None:
     """Fill points (D, 3, P) and areas (D,), m², for the D = size * size directions of one part.
 
-    vertices : (3, V), metres; faces : (3, F); order : (D, P), the place in the list that each point gets
+    vertices : (3, V), metres; faces : (3, F); order : (D, P), the place in the list that each point gets;
+    jitter : (D, P), 0 to 1, which pixel of its stretch it is
     """
-    _sample_directions(vertices, faces, size, order, points, areas)
+    _sample_directions(vertices, faces, size, order, jitter, points, areas)

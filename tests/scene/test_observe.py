@@ -1,0 +1,165 @@
+"""From scans to the Observation: binning, cropping, categories, several views, and what is said of bad input."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pmpnbp.errors import ScanError
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.camera import Camera
+from pmpnbp.scene.observation import NO_DEPTH, OBJECT, OUTSIDE, SUPPORT, Scan
+from pmpnbp.scene.observe import MARGIN, binned_depth, observe
+from tests.scene.box_rooms import FLOOR, WALL, camera_at, see
+
+BOX = (0.2, -0.2, 0.0, 0.5, 0.2, 0.5)
+REGION = np.array([0.1, -0.3, -0.1, 0.6, 0.3, 0.6])
+SCAN = see(camera_at([1.8, 0.6, 1.2], [0.3, 0.0, 0.3], width=640, height=480), [FLOOR, WALL, BOX])
+
+
+@given(
+    st.integers(0, 2**32 - 1), st.integers(1, 5), st.integers(1, 4), st.integers(1, 4), st.sampled_from([0.1, 0.5, 0.9])
+)
+def test_binning_takes_the_lower_median_of_a_half_measured_block(
+    seed: int, factor: int, h: int, w: int, holes: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    depth = rng.uniform(0.5, 3.0, (h * factor, w * factor)).astype(np.float32)
+    depth[rng.random(depth.shape) < holes] = 0.0
+    binned = binned_depth(depth, factor)
+    for row in range(h):
+        for column in range(w):
+            block = depth[row * factor : (row + 1) * factor, column * factor : (column + 1) * factor]
+            measured = sorted(block[block > 0].tolist())
+            enough = 2 * len(measured) >= factor * factor
+            assert binned[row, column] == (measured[(len(measured) - 1) // 2] if enough else 0.0)
+
+
+def test_an_edge_is_never_averaged() -> None:
+    depth = np.full((40, 40), 1.0, dtype=np.float32)
+    depth[:, 21:] = 2.0
+    assert set(np.unique(binned_depth(depth, 4)).tolist()) == {1.0, 2.0}
+
+
+def test_the_whole_picture_without_a_region() -> None:
+    (view,) = observe([SCAN]).views
+    assert view.depth.shape == (120, 160)
+    assert (view.category != OUTSIDE).all()
+    assert len(observe([SCAN], width=640).views[0].depth) == 480
+    # never blown up
+    assert observe([SCAN], width=2000).views[0].depth.shape == (480, 640)
+
+
+@pytest.mark.parametrize("width", [80, 160, 320])
+def test_the_crop_holds_the_region_and_a_margin(width: int) -> None:
+    observation = observe([SCAN], REGION, width=width)
+    (view,) = observation.views
+    assert max(view.depth.shape) <= width
+    points = poses.transform_points(
+        view.camera.pose_world_camera, view.camera.back_project(view.depth).astype(np.float64)
+    )
+    inside = ((points >= REGION[:3]) & (points <= REGION[3:])).all(axis=-1) & (view.depth > 0)
+    rows, columns = np.nonzero(inside)
+    # the box is in the middle of the picture, so that the margin is whole on every side
+    for least in (rows.min(), columns.min(), len(inside) - 1 - rows.max(), inside.shape[1] - 1 - columns.max()):
+        assert MARGIN - 1 <= least <= MARGIN + 1
+    assert (view.category[inside] != OUTSIDE).all()
+    assert np.isin(view.category[~inside], [OUTSIDE, SUPPORT, NO_DEPTH]).all()
+
+
+def test_work_pixels_look_where_the_scan_measured() -> None:
+    """Planes in the scan are the same planes in the binned picture: floor points of the view lie at z = 0."""
+    (view,) = observe([SCAN], REGION).views
+    points = poses.transform_points(
+        view.camera.pose_world_camera, view.camera.back_project(view.depth).astype(np.float64)
+    )
+    floor = (view.category == SUPPORT) & (points[..., 0] > 0.05)
+    assert floor.sum() > 1000
+    # half a work pixel is 3 mm of floor at this distance and slope; the median is nearer
+    assert np.abs(points[floor][:, 2]).mean() < 0.002
+
+
+def test_categories_points_and_normals_of_a_box() -> None:
+    observation = observe([SCAN], REGION)
+    (view,) = observation.views
+    assert set(np.unique(view.category).tolist()) <= {NO_DEPTH, OBJECT, SUPPORT, OUTSIDE}
+    assert ((view.category == NO_DEPTH) == (view.depth == 0)).all()
+    assert (
+        len(observation.points)
+        == len(observation.normals)
+        == ((view.category == OBJECT) & (view.normals != 0).any(axis=-1)).sum()
+    )
+    np.testing.assert_allclose(np.linalg.norm(observation.normals, axis=1), 1.0, atol=1e-5)
+    # each point lies on a face of the box, within a work pixel, and on the flat of a face its normal is the face's
+    low, high = np.array(BOX).reshape(2, 3)
+    assert (observation.points > low - 0.02).all() and (observation.points < high + 0.02).all()
+    for axis in (0, 1, 2):
+        other = [k for k in range(3) if k != axis]
+        margin = observation.points[:, other]
+        flat = (np.abs(observation.points[:, axis] - high[axis]) < 0.005) & (
+            (margin > low[other] + 0.05) & (margin < high[other] - 0.05)
+        ).all(axis=1)
+        assert flat.sum() > 20
+        assert (observation.normals[flat, axis] > np.cos(np.radians(3))).all()
+    for array in (view.depth, view.category, view.normals):
+        assert not array.flags.writeable
+
+
+def test_two_views_of_one_scene() -> None:
+    other = see(camera_at([1.2, -1.3, 1.0], [0.3, 0.0, 0.3], width=320, height=240), [FLOOR, WALL, BOX])
+    both = observe([replace(SCAN, stamp=2.0), replace(other, stamp=5.0)], REGION)
+    assert len(both.views) == 2
+    assert both.stamp == 5.0
+    assert len(both.planes) == 2
+    alone = [observe([scan], REGION) for scan in (SCAN, other)]
+    assert abs(len(both.points) - sum(len(one.points) for one in alone)) < 20
+    # the side that only one camera sees is there
+    assert (both.normals[:, 1] < -0.9).sum() > 50 > (alone[0].normals[:, 1] < -0.9).sum()
+
+
+def test_a_view_that_misses_the_region_is_left_out() -> None:
+    away = see(camera_at([1.8, 0.6, 1.2], [3.0, 3.0, 0.5]), [FLOOR, WALL, BOX])
+    assert len(observe([SCAN, away], REGION).views) == 1
+
+
+def test_up() -> None:
+    np.testing.assert_array_equal(observe([SCAN]).up, [0, 0, 1])
+    np.testing.assert_allclose(observe([SCAN], up=np.array([0.0, 3.0, 4.0])).up, [0, 0.6, 0.8])
+    wall_only = Scan(Camera(64, 48, 60.0, 60.0, 31.5, 23.5), np.full((48, 64), 2.0, dtype=np.float32))
+    np.testing.assert_array_equal(observe([wall_only]).up, [0, -1, 0])
+
+
+@pytest.mark.parametrize(
+    ("region", "said"),
+    [
+        ([0, 0, 0, 1, 1], "expected six numbers x0 y0 z0 x1 y1 z1"),
+        ([0, 0, 0, 1, 1, np.nan], "expected six numbers x0 y0 z0 x1 y1 z1"),
+        ([0, 0, 1, 1, 1, 1], "is empty; expected x0 < x1, y0 < y1 and z0 < z1"),
+        ([5, 5, 5, 6, 6, 6], "no measured point lies in the region [5.0, 5.0, 5.0, 6.0, 6.0, 6.0]; the scan spans ["),
+    ],
+)
+def test_what_is_said_of_a_region_that_cannot_be_used(region: list[float], said: str) -> None:
+    with pytest.raises(ScanError) as caught:
+        observe([SCAN], np.array(region, dtype=float))
+    assert said in str(caught.value)
+
+
+def test_what_is_said_of_scans_that_do_not_belong_together() -> None:
+    with pytest.raises(ScanError, match="no scan was given"):
+        observe([])
+    with pytest.raises(ScanError, match="in different world frames, map, world; expected one frame for all"):
+        observe([SCAN, replace(SCAN, frame_id="map")])
+    with pytest.raises(ScanError, match=r"up is \[0\.0, 0\.0, 0\.0\]; expected three numbers"):
+        observe([SCAN], up=np.zeros(3))
+    with pytest.raises(ScanError, match="the work image's width is 20; expected at least 40 pixels"):
+        observe([SCAN], width=20)
+
+
+def test_a_scan_of_one_pixel_is_observed() -> None:
+    observation = observe([Scan(Camera(1, 1, 1.0, 1.0, 0.0, 0.0), np.ones((1, 1), dtype=np.float32))])
+    assert observation.views[0].category.tolist() == [[OBJECT]]
+    assert observation.points.shape == (0, 3) and observation.planes.shape == (0, 4)

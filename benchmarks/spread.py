@@ -3,7 +3,7 @@
 Parts in a row slide along x, each between limits; the unary potential of each is a Gaussian about a place of its own.
 A uniform joint of half range h has the variance h²/3; with Gaussians of that variance for the joints, the exact belief
 is the solution of a tridiagonal system, which is what Gaussian belief propagation computes. That the joints are
-uniform and not Gaussian changes means by less than 0.3 mm and standard deviations by less than 2 % (a grid says so in
+uniform and not Gaussian changes means by less than 1 mm and standard deviations by less than 4 % (a grid says so in
 tests/statistical/test_gaussian.py).
 
 Run it: `python -m benchmarks.spread`.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, Literal
 
 from pmpnbp.errors import SettingError
 
@@ -29,9 +29,11 @@ class Settings:
 
     image_width: int = _setting(120, "pixels", "width of the working depth image, at most", low=16)
     triangles: int = _setting(500, "triangles", "triangle budget of a part's mesh in the inference", low=12)
-    renderer: str = _setting("splats", "", "how a part alone is rendered", choices=("splats", "rasteriser"))
+    renderer: Literal["splats", "rasteriser"] = _setting(
+        "splats", "", "how a part alone is rendered", choices=("splats", "rasteriser")
+    )
     splat_points: int = _setting(256, "points", "visible surface points that stand for a part", low=16)
-    pixel_score: str = _setting(
+    pixel_score: Literal["robust", "distance"] = _setting(
         "robust", "", "score of a pixel: robust, or eq. 10's plain distance", paper="distance",
         choices=("robust", "distance"),
     )  # fmt: skip
@@ -44,7 +46,7 @@ class Settings:
     effective_share: float = _setting(
         0.15, "", "share of particles that tempering keeps effective; 0 turns tempering off", paper=0.0, low=0
     )
-    pairwise_form: str = _setting(
+    pairwise_form: Literal["projected", "limits"] = _setting(
         "projected", "", "pairwise potential: residual after projection on the joint, or eq. 11",
         paper="limits", choices=("projected", "limits"),
     )  # fmt: skip
@@ -55,7 +57,7 @@ class Settings:
     neighbour_proposals: float = _setting(
         0.35, "", "share of a part's particles proposed through joints from its neighbours", paper=0.0, low=0
     )
-    belief_product: str = _setting(
+    belief_product: Literal["shared", "pooled"] = _setting(
         "shared", "", "incoming messages judge one shared sample set (their product), or box 2's pooled sets",
         paper="pooled", choices=("shared", "pooled"),
     )  # fmt: skip
@@ -157,7 +159,10 @@ class Schedule:
 
 def schedule(settings: Settings, iteration: int) -> Schedule:
     """Annealed values in an `iteration` from 1 on: geometric from start to end over search and annealing together."""
-    step, span = iteration, settings.anneal_iterations + (settings.search_iterations if settings.anneal_iterations else 0)
+    step, span = (
+        iteration,
+        settings.anneal_iterations + (settings.search_iterations if settings.anneal_iterations else 0),
+    )
     progress = 1.0 if span == 0 else min(max(step - 1, 0) / span, 1.0)
 
     def between(start: float, end: float) -> float:

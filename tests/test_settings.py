@@ -61,7 +61,7 @@ def test_an_unknown_name_is_told_what_there_is() -> None:
 
 
 def test_a_truth_value_is_not_a_number() -> None:
-    with pytest.raises(SettingError, match="joint_draws.*whole number"):
+    with pytest.raises(SettingError, match=r"joint_draws.*whole number"):
         changed(Settings(), {"joint_draws": True})
 
 

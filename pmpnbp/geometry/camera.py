@@ -41,9 +41,7 @@ class Camera:
     def project(self, points: Array) -> Array:
         """Pixel coordinates and depth (..., 3): u, v, z of points (..., 3) in the camera frame, z > 0."""
         z = points[..., 2]
-        return np.stack(
-            [self.fx * points[..., 0] / z + self.cx, self.fy * points[..., 1] / z + self.cy, z], axis=-1
-        )
+        return np.stack([self.fx * points[..., 0] / z + self.cx, self.fy * points[..., 1] / z + self.cy, z], axis=-1)
 
     def binned(self, column: int, row: int, factor: int, width: int, height: int) -> Camera:
         """The camera whose pixels are blocks of factor × factor of these, from pixel (column, row) on."""

@@ -95,7 +95,8 @@ class IterationReport:
         of neighbours, NaN beyond a node's own; neighbours as `mrf.neighbours` lists them
     temperature : (N,) the factor on the log potential (1 / tempering), tolerance : tau in metres
     effective_sample_size : (N,)
-    mle : (N, 7) the best pose of each part this iteration; mle_joints : (D,); mle_score : whole-object log score
+    mle : (N, 7) the best pose of each part this iteration; mle_joints : (D,), None where the parts need not agree
+        with a tree; mle_score : whole-object log score
     seconds : wall time of the iteration
     """
 
@@ -108,7 +109,7 @@ class IterationReport:
     tolerance: float
     effective_sample_size: Array
     mle: Array
-    mle_joints: Array
+    mle_joints: Array | None
     mle_score: float
     seconds: float
     notes: tuple[str, ...] = field(default=())

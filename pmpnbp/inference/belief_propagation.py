@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,10 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import improve
 from pmpnbp.potentials.kernels import kinematics
 from pmpnbp.potentials.pairwise import neighbour_sums
+from pmpnbp.potentials.unary import Renderer
 from pmpnbp.settings import Schedule, schedule
+
+Kind = TypeVar("Kind", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -43,7 +47,7 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     plan = schedule(settings, number)
     annealed = settings.search_iterations + settings.anneal_iterations
     refining = annealed < number <= annealed + settings.refine_iterations
-    renderer = "rasteriser" if refining else settings.renderer
+    renderer: Renderer = "rasteriser" if refining else settings.renderer
     shared = settings.belief_product == "shared"
     slot_node = np.arange(mrf.nodes, dtype=np.int32) if shared or not len(mrf.sender) else mrf.receiver
 
@@ -135,7 +139,11 @@ def _judge_by_senders(
 
 
 def _temperatures(
-    problem: Problem, unary: Array, sender_unary: Array, slot_node: NDArray[np.int32], slot_of_message: NDArray[np.int64]
+    problem: Problem,
+    unary: Array,
+    sender_unary: Array,
+    slot_node: NDArray[np.int32],
+    slot_of_message: NDArray[np.integer],
 ) -> Array:
     """(N,) the factor on a node's log potentials: `unary_scale`, or what keeps the effective sample size."""
     nodes = problem.mrf.nodes
@@ -150,7 +158,13 @@ def _temperatures(
 
 
 def _messages(
-    state: State, problem: Problem, received: Array, axes: Array, sender_unary: Array, temperature: Array, plan: Schedule
+    state: State,
+    problem: Problem,
+    received: Array,
+    axes: Array,
+    sender_unary: Array,
+    temperature: Array,
+    plan: Schedule,
 ) -> Messages:
     """Box 1 steps 2c and 2d: the neighbours' factor, and both factors together."""
     mrf, settings = problem.mrf, problem.settings
@@ -218,7 +232,7 @@ def _pool(
             shares[node, here, place] = messages.log_weights[message]
         order[node, len(incoming) * count :] = incoming[0] * count
 
-    def pooled(values: Array) -> Array:
+    def pooled(values: NDArray[Kind]) -> NDArray[Kind]:
         return values.reshape(-1, *values.shape[2:])[order]
 
     belief = Belief(

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, fields, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ from pmpnbp.inference.tree_estimate import configuration_scores, polish
 from pmpnbp.scene.articulated_object import Edge
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.settings import Schedule, schedule
+
+Kind = TypeVar("Kind", bound=np.generic)
 
 # Splats a part is judged by in the search; a hypothesis that is far off needs no more to be dropped.
 SEARCH_POINTS = 64
@@ -257,9 +260,9 @@ def walk(
         rows = np.arange(count)
         part_poses[:, edge.child], unary[:, edge.child] = tried[rows, pick], score[rows, pick]
         moving = edge.multiplier != 0
-        joints[:, edge.coordinates[moving]] = (
-            (axes[rows, pick] - edge.offset) / np.where(moving, edge.multiplier, 1)
-        )[:, moving]
+        joints[:, edge.coordinates[moving]] = ((axes[rows, pick] - edge.offset) / np.where(moving, edge.multiplier, 1))[
+            :, moving
+        ]
     return Hypotheses(roots, joints, source, ancestor, unary, part_poses)
 
 
@@ -348,7 +351,7 @@ def _belief(
     log_weights = lw.normalise(np.log(weights[where] / slots[where] + 1e-300) + np.minimum(merit, 0.0))
     nodes = problem.mrf.nodes
 
-    def per_node(values: NDArray[np.generic]) -> NDArray[np.generic]:
+    def per_node(values: NDArray[Kind]) -> NDArray[Kind]:
         return np.ascontiguousarray(np.broadcast_to(values, (nodes, count)))
 
     return Belief(

@@ -130,7 +130,9 @@ def _between(a: Array, b: Array) -> Array:
     w = 1.0 + np.einsum("pc,pc->p", a, b)
     opposite = w < 1e-9
     aside = np.cross(a, np.where(np.abs(a[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
-    q = np.concatenate([np.where(opposite, 0.0, w)[:, None], np.where(opposite[:, None], aside, np.cross(a, b))], axis=1)
+    q = np.concatenate(
+        [np.where(opposite, 0.0, w)[:, None], np.where(opposite[:, None], aside, np.cross(a, b))], axis=1
+    )
     return q / np.linalg.norm(q, axis=1, keepdims=True)
 
 

@@ -70,7 +70,12 @@ def _memory(state: State, mrf: Mrf, edge: int) -> tuple[Array, Array] | None:
 
 
 def _recall(
-    rng: np.random.Generator, memory: tuple[Array, Array], edge: Edge, shape: tuple[int, int], radius: float, plan: Schedule
+    rng: np.random.Generator,
+    memory: tuple[Array, Array],
+    edge: Edge,
+    shape: tuple[int, int],
+    radius: float,
+    plan: Schedule,
 ) -> Array:
     """Axis positions (*shape, K) drawn from memory and moved a little, within limits."""
     known, log_weights = memory

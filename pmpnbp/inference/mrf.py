@@ -57,7 +57,8 @@ class Mrf:
         # message 2k + 1 is sent by the child, so the way back from its receiver leads to the child
         kinematics.through_joints(
             np.ascontiguousarray(poses_receiver), self.edge[message], message % 2 == 1,
-            np.ascontiguousarray(axis_positions), self.axis_count, self.before, self.revolute, self.axes, self.after, out,
+            np.ascontiguousarray(axis_positions), self.axis_count, self.before, self.revolute, self.axes, self.after,
+            out,
         )  # fmt: skip
         return out
 
@@ -69,7 +70,7 @@ def build(model: ArticulatedObject) -> Mrf:
     receiver = np.array([[edge.child, edge.parent] for edge in edges], dtype=np.int32).reshape(-1)
     messages = range(len(sender))
     incoming = tuple(tuple(e for e in messages if receiver[e] == node) for node in range(len(model.parts)))
-    # the message back along the same edge is e ^ 1; in a graph with two edges between two parts only that one is left out
+    # the message back along the same edge is e ^ 1; of two edges between the same parts only that one is left out
     feeding = tuple(tuple(f for f in incoming[sender[e]] if f != e ^ 1) for e in messages)
     depth = max((len(edge.axes) for edge in edges), default=1)
     count = len(edges)

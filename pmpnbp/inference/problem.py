@@ -12,7 +12,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import mrf as mrf_module
 from pmpnbp.inference.mrf import Mrf
 from pmpnbp.potentials.surfaces import Surfaces, prepare_surfaces
-from pmpnbp.potentials.unary import PixelScore, unary_scores
+from pmpnbp.potentials.unary import PixelScore, Renderer, unary_scores
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
@@ -47,7 +47,9 @@ class Problem:
             chosen.pixel_score, tolerance, chosen.free_space_cost, chosen.occlusion_cost, chosen.support_reward
         )
 
-    def unary(self, node: Array, part_poses: Array, tolerance: float, renderer: str, points: int = 0) -> Array:
+    def unary(
+        self, node: NDArray[np.integer], part_poses: Array, tolerance: float, renderer: Renderer, points: int = 0
+    ) -> Array:
         """log unary potential (before tempering) of parts `node` (B,) at `part_poses` (B, 7)."""
         return unary_scores(
             self.observation, self.surfaces, node, part_poses, self.score(tolerance),
@@ -123,5 +125,3 @@ def _prior_in_part(model: ArticulatedObject, prior: GaussianPrior) -> tuple[int,
     known = model.link_poses(model.part_poses(poses.IDENTITY, at_rest), at_rest)
     pose_root_link = known[model.links.index(prior.link)]
     return 0, poses.multiply(prior.pose_world_link, poses.inverse(pose_root_link))
-
-

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -58,8 +59,7 @@ def converged(reports: Sequence[IterationReport], problem: Problem) -> bool:
     if len(recent) <= needed or recent[1].iteration <= over:
         return False
     return all(
-        motion(problem, before.mle, after.mle) <= settings.converged_motion
-        for before, after in zip(recent[:-1], recent[1:], strict=True)
+        motion(problem, before.mle, after.mle) <= settings.converged_motion for before, after in pairwise(recent)
     )
 
 

@@ -52,7 +52,13 @@ def improve(
 
 
 def polish(
-    rng: np.random.Generator, problem: Problem, roots: Array, joints: Array, plan: Schedule, tolerance: float, rounds: int
+    rng: np.random.Generator,
+    problem: Problem,
+    roots: Array,
+    joints: Array,
+    plan: Schedule,
+    tolerance: float,
+    rounds: int,
 ) -> tuple[Array, Array, float]:
     """The best of configurations (C, 7), (C, D) after `rounds` of small variations: root, joints and its score."""
     score = configuration_scores(problem, roots, joints, tolerance)
@@ -100,7 +106,9 @@ def assemble(mrf: Mrf, part_poses: Array, anchor: int) -> tuple[Array, Array]:
             relative = edge.pose_parent_child(axes)
             placed[there] = poses.multiply(placed[here], relative if outward else poses.inverse(relative))
             moving = edge.multiplier != 0
-            joints[:, edge.coordinates[moving]] = ((axes - edge.offset) / np.where(moving, edge.multiplier, 1))[:, moving]
+            joints[:, edge.coordinates[moving]] = ((axes - edge.offset) / np.where(moving, edge.multiplier, 1))[
+                :, moving
+            ]
         if len(later) == len(waiting):
             break
         waiting = later

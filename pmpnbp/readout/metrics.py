@@ -14,7 +14,7 @@ MODEL_POINTS = 1000
 
 
 def model_points(mesh: Mesh, count: int = MODEL_POINTS) -> Array:
-    """Points (count, 3) spread evenly over a mesh's surface: the set M of eq. 12. The same mesh gives the same points."""
+    """Points (count, 3) spread evenly over a mesh's surface, the set M of eq. 12; the same for the same mesh."""
     corners = mesh.vertices[mesh.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     rng = np.random.default_rng(0)

@@ -8,6 +8,7 @@ or possibly the object. Planes are found in all views together.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,7 +134,9 @@ def _crop(scan: Scan, box: Array | None, width: int) -> tuple[NDArray[np.float32
         row, column = max(int(rows[0]) - margin, 0), max(int(columns[0]) - margin, 0)
         height = min(int(rows[-1]) + 1 + margin, scan.camera.height) - row
         breadth = min(int(columns[-1]) + 1 + margin, scan.camera.width) - column
-    w, h = max(breadth // factor, 1), max(height // factor, 1)
+    # A strip of fewer rows than a block has: no coarser than the strip.
+    factor = min(factor, height, breadth)
+    w, h = breadth // factor, height // factor
     part = scan.depth[row : row + h * factor, column : column + w * factor]
     return binned_depth(part, factor), scan.camera.binned(column, row, factor, w, h)
 
@@ -165,21 +168,20 @@ def _scene_points(scans: Sequence[Scan], box: Array | None, base: float, growth:
     """The oriented points of all scans, whole, thinned to about PLANE_WIDTH pixels across."""
     points, normals, tolerances, border = [], [], [], []
     for scan in scans:
-        factor = max(scan.camera.width // PLANE_WIDTH, 1)
+        factor = max(min(scan.camera.width // PLANE_WIDTH, scan.camera.height), 1)
         w, h = scan.camera.width // factor, scan.camera.height // factor
         # The middle pixel of a block: the median of `binned_depth` costs more and a plane averages anyway.
         middle = factor // 2
         depth = scan.depth[middle : h * factor : factor, middle : w * factor : factor][:h, :w]
-        camera = scan.camera.binned(middle, middle, factor, w, h)
         # Each kept pixel's own ray, not that of its block's centre.
-        camera = Camera(
-            camera.width,
-            camera.height,
-            camera.fx,
-            camera.fy,
-            (scan.camera.cx - middle) / factor,
-            (scan.camera.cy - middle) / factor,
-            scan.camera.pose_world_camera,
+        camera = replace(
+            scan.camera,
+            width=w,
+            height=h,
+            fx=scan.camera.fx / factor,
+            fy=scan.camera.fy / factor,
+            cx=(scan.camera.cx - middle) / factor,
+            cy=(scan.camera.cy - middle) / factor,
         )
         valid = depth > 0
         world = _world(camera, camera.back_project(depth))

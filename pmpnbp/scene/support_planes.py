@@ -41,7 +41,7 @@ LEAST_OUTSIDE_TABLE = 0.15
 # Cosine to the vertical of a level plane (15°), and where the vertical is only presumed (60°).
 LEVEL, PRESUMED_LEVEL = 0.966, 0.5
 # Points this many tolerances from a plane found belong to no further one: the skirts of a noisy wall would be walls.
-SKIRT = 1.0
+SKIRT = 3.0
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,7 @@ def articulated(
 
 
 def sliding_chain(count: int, offset: float = 0.3, half_range: float = 0.05) -> ArticulatedObject:
-    """`count` blocks in a row along x, each sliding along x by ±half_range about `offset` metres from the one before."""
+    """`count` blocks in a row along x, each sliding along x by ±half_range about `offset` metres off the one before."""
     joints = [
         Joint(f"slide{k}", "prismatic", f"link{k - 1}", f"link{k}", at(offset), X, -half_range, half_range, (k - 1,))
         for k in range(1, count)

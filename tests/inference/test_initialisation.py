@@ -89,7 +89,7 @@ def test_upright_means_along_the_scenes_up_with_any_yaw(rng: np.random.Generator
 
 
 def test_any_orientation_at_the_start_is_uniform_over_all_rotations(rng: np.random.Generator) -> None:
-    """The mean of q qᵀ over 3 × 4000 uniform quaternions is I / 4; each entry's deviation is at most 0.25 / sqrt(12000).
+    """The mean of q qᵀ over 3 × 4000 uniform quaternions is I / 4, each entry's deviation at most 0.25 / sqrt(12000).
     Five of them in ten entries: under 1e-5 by chance."""
     made = problem_of(point_seen(np.zeros(3), worlds.X), UniformPrior("any"), particles=4000)
     q = initialisation.start(rng, made).belief.poses[..., 3:].reshape(-1, 4)

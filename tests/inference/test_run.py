@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -85,7 +86,7 @@ def test_the_sample_cabinet_from_a_rough_prior(cabinet: Cabinet, seed: int) -> N
 
 
 def test_the_preset_paper_runs_on_the_cabinet_and_stays_finite(cabinet: Cabinet, repository: Path) -> None:
-    model, observation, truth, _ = cabinet
+    model, observation, _, _ = cabinet
     prior = load_prior(repository / "sample_data" / "cabinet" / "prior.json", model)
     made = problem.build(model, observation, prior, worlds.settings("paper"), particles=100)
     report = last(made, 15)
@@ -238,7 +239,7 @@ def test_a_run_stops_once_converged_and_not_before(made: Problem) -> None:
     assert reports[-1].iteration < 60
     assert run.converged(reports, made)
     assert not run.converged(reports[:-1], made)
-    moved = [run.motion(made, a.mle, b.mle) for a, b in zip(reports[:-1], reports[1:], strict=True)]
+    moved = [run.motion(made, a.mle, b.mle) for a, b in pairwise(reports)]
     assert max(moved[-needed:]) <= made.settings.converged_motion
     assert [report.stage for report in reports[:2]] == ["start", "search"]
 

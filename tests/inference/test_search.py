@@ -60,7 +60,7 @@ MODELS = {
 @pytest.mark.parametrize("name", MODELS)
 def test_walking_puts_every_part_where_the_joints_say(rng: np.random.Generator, name: str) -> None:
     model = MODELS[name]
-    made, tried, start = walked(model, rng, likes_x)
+    _, tried, start = walked(model, rng, likes_x)
     assert np.all((tried.joints >= model.lower - 1e-9) & (tried.joints <= model.upper + 1e-9))
     again = model.part_poses(tried.roots, tried.joints)
     np.testing.assert_allclose(tried.part_poses[..., :3], again[..., :3], atol=1e-9)

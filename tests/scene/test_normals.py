@@ -66,7 +66,7 @@ def test_a_step_does_not_bend_the_normals_beside_it() -> None:
 
 def test_unknown_where_little_was_measured() -> None:
     depth = np.zeros((50, 60), dtype=np.float32)
-    depth[10, 10] = depth[20, 20:24] = 1.0
+    depth[10, 10] = depth[20, 20:24] = depth[40:42, 40:43] = 1.0
     depth[30, 5:55] = 1.0
     assert not surface_normals(depth, CAMERA).any()
 

@@ -159,7 +159,10 @@ def test_what_is_said_of_scans_that_do_not_belong_together() -> None:
         observe([SCAN], width=20)
 
 
-def test_a_scan_of_one_pixel_is_observed() -> None:
-    observation = observe([Scan(Camera(1, 1, 1.0, 1.0, 0.0, 0.0), np.ones((1, 1), dtype=np.float32))])
-    assert observation.views[0].category.tolist() == [[OBJECT]]
-    assert observation.points.shape == (0, 3) and observation.planes.shape == (0, 4)
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (700, 3), (3, 700), (161, 1)])
+def test_a_scan_of_a_few_pixels_is_observed(width: int, height: int) -> None:
+    scan = Scan(Camera(width, height, 300.0, 300.0, 0.0, 0.0), np.ones((height, width), dtype=np.float32))
+    for region in (None, np.array([-9.0, -9.0, 0.0, 9.0, 9.0, 2.0])):
+        observation = observe([scan], region)
+        assert (observation.views[0].category == OBJECT).all()
+        assert observation.planes.shape == (0, 4)

@@ -9,7 +9,7 @@ from numba import njit
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _multiply(a, b, out):
+def _multiply(a, b, out):  # type: ignore[no-untyped-def]
     """out = a * b, poses of seven numbers; out may not alias a or b."""
     w, x, y, z = a[3], a[4], a[5], a[6]
     px, py, pz = b[0], b[1], b[2]
@@ -27,7 +27,7 @@ def _multiply(a, b, out):
 
 
 @njit(nogil=True, cache=True, inline="always")
-def _invert(a, out):
+def _invert(a, out):  # type: ignore[no-untyped-def]
     """out = a^-1; out may not alias a."""
     w, x, y, z = a[3], -a[4], -a[5], -a[6]
     px, py, pz = -a[0], -a[1], -a[2]
@@ -44,7 +44,7 @@ def _invert(a, out):
 
 
 @njit(nogil=True, cache=True)
-def through_joints(poses_from, edge, to_child, axis_positions, axis_count, before, revolute, axes, after, out):
+def through_joints(poses_from, edge, to_child, axis_positions, axis_count, before, revolute, axes, after, out):  # type: ignore[no-untyped-def]
     """Poses of the part on the other side of an edge.
 
     poses_from : (G, M, 7), part on this side in world; edge : (G,) row of the edge table; to_child : (G,) bool
@@ -84,7 +84,7 @@ def through_joints(poses_from, edge, to_child, axis_positions, axis_count, befor
 
 
 @njit(nogil=True, cache=True)
-def perturb(poses, translation, rotation, centre, out):
+def perturb(poses, translation, rotation, centre, out):  # type: ignore[no-untyped-def]
     """poses, out : (B, 7); translation, rotation : (B, 3) in world axes; centre : (B, 3) in the moved frame."""
     turn = np.empty(7)
     scratch = np.empty(7)

@@ -9,7 +9,7 @@ scores. Run as `python -m benchmarks.kernels`.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numba
 import numpy as np
@@ -31,9 +31,11 @@ FIELD_OF_VIEW = np.deg2rad(60.0)
 SECONDS = 0.25
 
 
-def measure(seconds: float = SECONDS) -> dict[str, object]:
+def measure(
+    seconds: float = SECONDS, shapes: Sequence[int] = tuple(SHAPES), images: Sequence[tuple[int, int]] = IMAGES
+) -> dict[str, object]:
     """Rates in part poses per second, and the ratios to the ray caster's, for every case; about `seconds` each for
-    the three things measured.
+    the three things measured. shapes : triangle counts of SHAPES; images : (width, height) each
 
     Returns {"unit": ..., "cases": [{"triangles", "width", "height", "threads", "pixels", "ray_caster", "splats",
     "rasteriser", "splats_ratio", "rasteriser_ratio"}]}; `pixels` is the mean number of pixels the part covers.
@@ -41,9 +43,9 @@ def measure(seconds: float = SECONDS) -> dict[str, object]:
     threads_before = numba.get_num_threads()
     cases = []
     try:
-        for triangles in SHAPES:
+        for triangles in shapes:
             surfaces = prepare_surfaces(_one_part(triangles))
-            for width, height in IMAGES:
+            for width, height in images:
                 for threads in sorted({1, min(2, numba.config.NUMBA_NUM_THREADS)}):
                     numba.set_num_threads(threads)
                     cases.append({"triangles": triangles, **_case(surfaces, width, height, threads, seconds)})

@@ -77,7 +77,10 @@ class Settings:
     search_iterations: int = _setting(
         4, "iterations", "of whole-object search before belief propagation; 0 starts as the paper does", paper=0, low=0
     )
-    search_proposals: int = _setting(6000, "hypotheses", "tried in each iteration of the search", low=10)
+    search_iterations_per_joint: int = _setting(
+        1, "iterations", "more of them for every joint beyond the second between the root and the farthest part", low=0
+    )
+    search_proposals: int = _setting(6000, "hypotheses", "tried in each iteration of the search, for every three joints", low=10)
     search_islands: int = _setting(40, "hypotheses", "distinct ones that survive each iteration of the search", low=1)
     refine_iterations: int = _setting(
         2, "iterations", "after annealing that score with the rasteriser instead of splats", paper=0, low=0
@@ -157,13 +160,14 @@ class Schedule:
     sigma_orientation: float
 
 
-def schedule(settings: Settings, iteration: int) -> Schedule:
-    """Annealed values in an `iteration` from 1 on: geometric from start to end over search and annealing together."""
-    step, span = (
-        iteration,
-        settings.anneal_iterations + (settings.search_iterations if settings.anneal_iterations else 0),
-    )
-    progress = 1.0 if span == 0 else min(max(step - 1, 0) / span, 1.0)
+def schedule(settings: Settings, iteration: int, search_iterations: int | None = None) -> Schedule:
+    """Annealed values in an `iteration` from 1 on: geometric from start to end over search and annealing together.
+
+    search_iterations : as many as the problem has (`Problem.search_iterations`); without it those of the settings.
+    """
+    before = settings.search_iterations if search_iterations is None else search_iterations
+    span = settings.anneal_iterations + before if settings.anneal_iterations else 0
+    progress = 1.0 if span == 0 else min(max(iteration - 1, 0) / span, 1.0)
 
     def between(start: float, end: float) -> float:
         return end if progress == 1.0 or start <= 0 or end <= 0 else start ** (1 - progress) * end**progress

@@ -24,7 +24,7 @@ from pmpnbp.inference.tree_estimate import improve
 from pmpnbp.potentials.kernels import kinematics
 from pmpnbp.potentials.pairwise import neighbour_sums
 from pmpnbp.potentials.unary import Renderer
-from pmpnbp.settings import Schedule, schedule
+from pmpnbp.settings import Schedule
 
 Kind = TypeVar("Kind", bound=np.generic)
 
@@ -44,8 +44,8 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     began = time.perf_counter()
     settings, mrf = problem.settings, problem.mrf
     number = state.iteration + 1
-    plan = schedule(settings, number)
-    annealed = settings.search_iterations + settings.anneal_iterations
+    plan = problem.schedule(number)
+    annealed = problem.search_iterations + settings.anneal_iterations
     refining = annealed < number <= annealed + settings.refine_iterations
     renderer: Renderer = "rasteriser" if refining else settings.renderer
     shared = settings.belief_product == "shared"

@@ -24,14 +24,18 @@ from pmpnbp.inference.initialisation import matched_roots, prior_roots, random_j
 from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores, polish
+from pmpnbp.potentials.pairwise import stratified_axes
 from pmpnbp.scene.articulated_object import Edge
 from pmpnbp.scene.prior import UniformPrior
-from pmpnbp.settings import Schedule, schedule
+from pmpnbp.settings import Schedule
 
 Kind = TypeVar("Kind", bound=np.generic)
 
 # Splats a part is judged by in the search; a hypothesis that is far off needs no more to be dropped.
 SEARCH_POINTS = 64
+# Positions near its own that a joint is tried at, and how often offspring try no others.
+NEAR = 3
+CAUTION = 0.5
 # Places near each quarter turn of a finalist that are tried.
 FLIP_PLACES = 50
 # The last comparison is made at this many times the tolerance that annealing ends at.
@@ -84,8 +88,9 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     began = time.perf_counter()
     settings = problem.settings
     number = state.iteration + 1
-    plan = schedule(settings, number)
-    tried = walk(rng, problem, _proposals(rng, state, problem, plan, number), plan)
+    plan = problem.schedule(number)
+    proposals, kept = _proposals(rng, state, problem, plan, number)
+    tried = walk(rng, problem, proposals, plan, kept)
     total = tried.unary.sum(axis=1)
     if problem.prior_node >= 0 and settings.prior_factor:
         total = total + problem.log_prior(tried.part_poses[:, problem.prior_node])
@@ -94,7 +99,7 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     leaders, member_of = _distinct(problem, tried, order, 3 * settings.search_islands, 1.5 * plan.diffusion_position)
     whole = configuration_scores(problem, tried.roots[leaders], tried.joints[leaders], plan.tolerance)
     ranked = np.argsort(-whole, kind="stable")[: settings.search_islands]
-    if number == settings.search_iterations:
+    if number == problem.search_iterations:
         tried, total = _settled(rng, problem, tried.taken(leaders[ranked]), plan)
         order = leaders = member_of = np.arange(len(total))
         whole, ranked = total, np.argsort(-total, kind="stable")
@@ -157,13 +162,12 @@ def _polished(
 
 def _proposals(
     rng: np.random.Generator, state: State, problem: Problem, plan: Schedule, number: int
-) -> tuple[Array, Array, NDArray[np.uint8], NDArray[np.int32]]:
-    """Roots, joints, source and ancestor: new ones, and offspring of the islands (most of them later on)."""
-    settings = problem.settings
-    # a gaussian prior leaves less to look through
-    count = settings.search_proposals if isinstance(problem.prior, UniformPrior) else settings.search_proposals // 2
+) -> tuple[tuple[Array, Array, NDArray[np.uint8], NDArray[np.int32]], slice]:
+    """Roots, joints, source and ancestor: new ones, and offspring of the islands (most of them later on); and which of
+    them are the islands themselves."""
+    count = problem.search_proposals
     parents = None if number == 1 else np.unique(state.belief.island[0], return_index=True)[1]
-    offspring = 0 if parents is None else round(count * min(0.9, 0.3 + 0.6 * number / settings.search_iterations))
+    offspring = 0 if parents is None else round(count * min(0.9, 0.3 + 0.6 * number / problem.search_iterations))
     fresh = count - offspring
     joints = random_joints(rng, problem, fresh)
     if isinstance(problem.prior, UniformPrior):
@@ -173,7 +177,7 @@ def _proposals(
     source = np.full(fresh, origin, dtype=np.uint8)
     ancestor = np.full(fresh, -1, dtype=np.int32)
     if parents is None:
-        return roots, joints, source, ancestor
+        return (roots, joints, source, ancestor), slice(0)
     assert state.belief.joint_positions is not None
     ranks = rng.integers(len(parents), size=offspring)
     # every other child descends from the better half
@@ -197,12 +201,13 @@ def _proposals(
         quarters = rng.integers(1, 4, size=(len(flipped), 1))
         children[flipped] = _turned(rng, problem, children[flipped], centre, quarters)
         kind[flipped] = FLIP
-    return (
+    together = (
         np.concatenate([roots, children]),
         np.concatenate([joints, state.belief.joint_positions[chosen]]),
         np.concatenate([source, kind]),
         np.concatenate([ancestor, chosen.astype(np.int32)]),
     )
+    return together, slice(fresh, fresh + len(parents))
 
 
 def _turned(
@@ -225,14 +230,19 @@ def walk(
     problem: Problem,
     proposals: tuple[Array, Array, NDArray[np.uint8], NDArray[np.int32]],
     plan: Schedule,
+    kept: slice = slice(0),
 ) -> Hypotheses:
     """From the root outwards, give each joint the position at which the part behind it explains the scan best.
+
+    Those in `kept` stay as they are, and offspring often stay near to their joints, so that what was found far out is
+    not lost with every step near the root.
 
     Positions tried: the proposal's own, some near it, and stratified ones over the range, as many as bring the part
     within the tolerance of any place it can reach. Half of the proposals choose with some chance, so that a part that
     is taken in by a wrong surface is not so in all of them.
     """
     roots, joints, source, ancestor = proposals
+    offspring = (source == OWN) & (ancestor >= 0)
     mrf, count = problem.mrf, len(roots)
     joints = joints.copy()
     part_poses = np.zeros((count, mrf.nodes, 7))
@@ -256,7 +266,9 @@ def walk(
         score = problem.unary(node, tried.reshape(-1, 7), plan.tolerance, "splats", SEARCH_POINTS).reshape(count, draws)
         noise = rng.gumbel(size=score.shape) * (0.1 * np.abs(score).max(axis=1, keepdims=True) + 1e-9)
         noise[::2] = 0.0
+        score[offspring & (rng.random(count) < CAUTION), 1 + NEAR :] = -np.inf
         pick = (score + noise).argmax(axis=1)
+        pick[kept] = 0
         rows = np.arange(count)
         part_poses[:, edge.child], unary[:, edge.child] = tried[rows, pick], score[rows, pick]
         moving = edge.multiplier != 0
@@ -274,19 +286,14 @@ def _trials(rng: np.random.Generator, edge: Edge, settled: Array, radius: float,
     """Axis positions to try (P, draws, K), the present ones first."""
     count, depth = settled.shape
     lever = np.where(edge.revolute, radius, 1.0)
-    near = 3
     fresh = int(np.clip(np.ceil(((edge.upper - edge.lower) * lever).max() / (1.5 * plan.tolerance)), 4, 20))
-    strata = np.broadcast_to(np.arange(fresh), (count, depth, fresh))
-    if depth > 1:
-        strata = np.concatenate([strata[:, :1], rng.permuted(strata[:, 1:], axis=2)], axis=1)
-    unit = (np.swapaxes(strata, 1, 2) + rng.random((count, fresh, depth))) / fresh
     spread = plan.diffusion_position / np.maximum(lever, 0.02)
-    around = settled[:, None] + spread * rng.standard_normal((count, near, depth))
+    around = settled[:, None] + spread * rng.standard_normal((count, NEAR, depth))
     return np.concatenate(
         [
             settled[:, None],
             within_limits(around, edge.lower, edge.upper, edge.wraps),
-            edge.lower + unit * (edge.upper - edge.lower),
+            stratified_axes(rng, edge, (count,), fresh),
         ],
         axis=1,
     )

@@ -10,6 +10,7 @@ from pmpnbp.inference import log_weights as lw
 from pmpnbp.inference.belief import State
 from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
+from pmpnbp.potentials.pairwise import stratified_axes
 from pmpnbp.scene.articulated_object import Edge
 from pmpnbp.settings import Schedule
 
@@ -38,11 +39,7 @@ def draw_axes(
         remembered = _memory(state, mrf, int(mrf.edge[message])) if memory_share > 0 else None
         recall = round(memory_share * draws) if remembered is not None else 0
         fresh = draws if draws == 1 else draws - recall
-        strata = np.broadcast_to(np.arange(fresh), (samples, depth, fresh))
-        if depth > 1 and fresh > 1:
-            strata = np.concatenate([strata[:, :1], rng.permuted(strata[:, 1:], axis=2)], axis=1)
-        unit = (np.swapaxes(strata, 1, 2) + rng.random((samples, fresh, depth))) / fresh
-        out[row, :, :fresh, :depth] = edge.lower + unit * (edge.upper - edge.lower)
+        out[row, :, :fresh, :depth] = stratified_axes(rng, edge, (samples,), fresh)
         if remembered is None:
             continue
         if draws == 1:

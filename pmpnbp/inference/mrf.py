@@ -22,6 +22,7 @@ class Mrf:
     incoming : for each node, the messages that reach it, in order of their number
     feeding : (E,) lists: the messages u → sender[e] with u other than receiver[e] (box 1 step 2c)
     table : the edges as the pairwise potential's sums take them
+    depth : joints between the root and the part farthest from it
     centres, radii : (N, 3), (N,) metres, middle of each part's bounding box and its half diagonal
     """
 
@@ -31,6 +32,7 @@ class Mrf:
     edge: NDArray[np.int32]
     incoming: tuple[tuple[int, ...], ...]
     feeding: tuple[tuple[int, ...], ...]
+    depth: int
     centres: Array
     radii: Array
     axis_count: NDArray[np.int64]
@@ -86,7 +88,16 @@ def build(model: ArticulatedObject) -> Mrf:
         [np.linalg.norm(np.ptp(part.mesh.vertices, axis=0)) / 2 if part.visible else 0.05 for part in model.parts]
     )
     return Mrf(
-        model, sender, receiver, np.arange(len(sender), dtype=np.int32) // 2, incoming, feeding, centres, radii,
+        model, sender, receiver, np.arange(len(sender), dtype=np.int32) // 2, incoming, feeding, _depth(model), centres,
+        radii,
         np.array([len(edge.axes) for edge in edges], dtype=np.int64), before, revolute, axes, after,
         edge_table(edges),
     )  # fmt: skip
+
+
+def _depth(model: ArticulatedObject) -> int:
+    steps = {0: 0}
+    for edge in model.edges:
+        if edge.child not in steps:
+            steps[edge.child] = steps[edge.parent] + 1
+    return max(steps.values())

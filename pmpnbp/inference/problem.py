@@ -16,7 +16,7 @@ from pmpnbp.potentials.unary import PixelScore, Renderer, unary_scores
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
-from pmpnbp.settings import Settings
+from pmpnbp.settings import Schedule, Settings, schedule
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,24 @@ class Problem:
     seed: int
     joint_prior: dict[int, tuple[float, float]]
     joint_turns: NDArray[np.bool_]
+
+    @property
+    def search_iterations(self) -> int:
+        """Iterations of the search: a long chain is found link by link, and gets more of them."""
+        chosen = self.settings
+        if chosen.search_iterations == 0:
+            return 0
+        return chosen.search_iterations + chosen.search_iterations_per_joint * max(self.mrf.depth - 2, 0)
+
+    @property
+    def search_proposals(self) -> int:
+        """Hypotheses an iteration of the search tries: more for more joints, half as many with a gaussian prior."""
+        share = 1.0 if isinstance(self.prior, UniformPrior) else 0.5
+        return round(self.settings.search_proposals * share * max(1.0, len(self.mrf.model.edges) / 3))
+
+    def schedule(self, iteration: int) -> Schedule:
+        """What the annealing has reached in an iteration."""
+        return schedule(self.settings, iteration, self.search_iterations)
 
     def score(self, tolerance: float) -> PixelScore:
         """The pixel score of the settings at a tolerance in metres."""

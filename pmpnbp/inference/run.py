@@ -31,7 +31,7 @@ def advance(state: State, problem: Problem) -> tuple[State, IterationReport]:
     """The next iteration: search, or belief propagation. Its random numbers depend on the seed and its number alone, so
     that any iteration can be done again from its recorded state."""
     rng = np.random.default_rng([problem.seed, state.iteration + 1])
-    searching = state.iteration < problem.settings.search_iterations
+    searching = state.iteration < problem.search_iterations
     return (global_search if searching else belief_propagation).step(rng, state, problem)
 
 
@@ -53,7 +53,7 @@ def converged(reports: Sequence[IterationReport], problem: Problem) -> bool:
     `converged_iterations` iterations no part's estimate has moved by more than `converged_motion`, neither at its
     middle nor, by turning, at its rim."""
     settings = problem.settings
-    over = settings.search_iterations + settings.anneal_iterations + settings.refine_iterations
+    over = problem.search_iterations + settings.anneal_iterations + settings.refine_iterations
     needed = settings.converged_iterations
     recent = reports[-(needed + 1) :]
     if len(recent) <= needed or recent[1].iteration <= over:

@@ -165,7 +165,7 @@ def test_each_stratum_of_each_axis_is_drawn_from_once(rng: np.random.Generator, 
 
 
 def test_further_axes_are_shuffled_anew_for_each_sample(rng: np.random.Generator) -> None:
-    """Mean rank correlation over 2000 shuffles of 8, standard error 1 / sqrt(7 * 2000): beyond 4.5 of them 7 in 10^6."""
+    """Mean rank correlation of 2000 shuffles of 8, standard error 1 / sqrt(7 * 2000): beyond 4.5 of it 7 in 10^6."""
     ranks = np.floor(stratified_axes(rng, joint(False, 0.0, 1.0, count=2), (2000,), 8) * 8)
     ranks -= ranks.mean(axis=1, keepdims=True)
     correlation = np.mean(ranks[..., 0] * ranks[..., 1], axis=1) / np.mean(ranks[..., 0] ** 2, axis=1)

@@ -1,8 +1,8 @@
 """Which configuration of a chain of axes comes closest to a pose? Bounded least squares, compiled, one pose at a time.
 
-Each pose is compared with a fixed set of starts through their
-linearisations, which do not depend on the pose and are made once; the best few are refined by Levenberg-Marquardt
-steps, in which a free motion that a bound stops is held there.
+Each pose is compared with a fixed set of starts through their linearisations, which do not depend on the pose and are
+made once; the best few are refined by Levenberg-Marquardt steps, in which a free motion that a bound stops is held
+there. Its witness in the tests is scipy's bounded least squares.
 """
 
 from __future__ import annotations

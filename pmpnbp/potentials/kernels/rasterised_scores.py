@@ -12,7 +12,7 @@ from pmpnbp.potentials.kernels.pixel_scores import distance_pixel, robust_pixel
 from pmpnbp.potentials.kernels.rasteriser import draw_object, draw_part, scratch
 
 # Below this many poses a parallel launch costs more than it saves.
-PARALLEL_FROM = 32
+PARALLEL_FROM = 16
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
 

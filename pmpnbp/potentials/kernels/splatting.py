@@ -20,9 +20,9 @@ from pmpnbp.potentials.kernels.projection import pose_in_camera, single
 NEAREST = np.float32(0.05)
 
 # Below this many poses a parallel launch costs more than it saves; poses are dealt to the threads in blocks.
-PARALLEL_FROM, BLOCK = 1000, 128
+PARALLEL_FROM, BLOCK = 256, 64
 
-_ZERO, _ONE = np.float32(0), np.float32(1)
+_ZERO, _ONE, _INDEX_BITS = np.float32(0), np.float32(1), np.int32(0xFFFFFF)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -57,8 +57,9 @@ def _sum_points(points: Any, used: int, m: Any, lens: Any, image: Any, size: Any
         ray_y = (m10 * x + m11 * y + m12 * z + ty) * inverse
         column = min(max(np.floor(ray_x * fx + cx), _ZERO), last_column)
         row = min(max(np.floor(ray_y * fy + cy), _ZERO), last_row)
-        # a float holds every index of an image below 16 million pixels
-        word = image[np.uint32(np.int32(row * columns + column))]
+        # a float holds every index of an image below 16 million pixels; by the mask the compiler sees that the sign
+        # plays no part, and gathers by 32-bit indices
+        word = image[np.uint32(np.int32(row * columns + column) & _INDEX_BITS)]
         if robust:
             score = robust_pixel(word, depth, terms)
         else:

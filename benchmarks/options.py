@@ -1,0 +1,26 @@
+"""Which options do the studies of success share? Seeds, budget and settings."""
+
+from __future__ import annotations
+
+import argparse
+
+from pmpnbp.settings import Settings, changed, preset
+
+
+def parser(description: str, *, seeds: int, iterations: int) -> argparse.ArgumentParser:
+    """A parser with the shared options and these defaults."""
+    options = argparse.ArgumentParser(description=description)
+    options.add_argument("--seeds", type=int, default=seeds, help=f"runs of each scene (default {seeds})")
+    options.add_argument(
+        "--iterations", type=int, default=iterations, help=f"at most, if it does not converge (default {iterations})"
+    )
+    options.add_argument("--particles", type=int, default=400, help="M (default 400)")
+    options.add_argument(
+        "--config", action="append", default=[], metavar="NAME=VALUE", help="a setting other than the preset's"
+    )
+    return options
+
+
+def settings(arguments: argparse.Namespace) -> Settings:
+    """The preset `robust` with the settings of `--config`. Raises SettingError for an unknown one."""
+    return changed(preset("robust"), dict(entry.partition("=")[::2] for entry in arguments.config))

@@ -80,7 +80,9 @@ class Settings:
     search_iterations_per_joint: int = _setting(
         1, "iterations", "more of them for every joint beyond the second between the root and the farthest part", low=0
     )
-    search_proposals: int = _setting(6000, "hypotheses", "tried in each iteration of the search, for every three joints", low=10)
+    search_proposals: int = _setting(
+        6000, "hypotheses", "tried in each iteration of the search, for every three joints", low=10
+    )
     search_islands: int = _setting(40, "hypotheses", "distinct ones that survive each iteration of the search", low=1)
     refine_iterations: int = _setting(
         2, "iterations", "after annealing that score with the rasteriser instead of splats", paper=0, low=0

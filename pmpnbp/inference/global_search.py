@@ -127,14 +127,19 @@ def _settled(
     finalists = finalists.taken(np.arange(min(effort.finalists, len(finalists.roots))))
     if isinstance(problem.prior, UniformPrior):
         centre = poses.transform_points(finalists.part_poses[:, 0], problem.mrf.centres[0])
-        turned = np.concatenate([_turned(rng, problem, finalists.roots, centre, quarter) for quarter in (1, 2, 3)])
+        turns = [
+            _turned(finalists.roots, centre, axis, quarter)
+            for axis in _turning_axes(problem, finalists.roots)
+            for quarter in (1, 2, 3)
+        ]
+        turned = np.concatenate(turns)
         # a front is not where the back was: each turn is tried in many places near its own
         noise = rng.standard_normal((len(turned) * FLIP_PLACES, 6))
         near = poses.perturb(
             np.repeat(turned, FLIP_PLACES, axis=0), plan.diffusion_position * noise[:, :3],
             0.5 * plan.diffusion_rotation * noise[:, 3:], problem.mrf.centres[0],
         )  # fmt: skip
-        parent = np.repeat(np.tile(np.arange(len(centre)), 3), FLIP_PLACES)
+        parent = np.repeat(np.tile(np.arange(len(centre)), len(turns)), FLIP_PLACES)
         origins = np.full(len(near), FLIP, dtype=np.uint8), finalists.ancestor[parent]
         flips = walk(rng, problem, (near, finalists.joints[parent], *origins), plan)
         best = flips.unary.sum(axis=1).reshape(-1, FLIP_PLACES).argmax(axis=1) + np.arange(len(turned)) * FLIP_PLACES
@@ -199,7 +204,9 @@ def _proposals(
         about = rng.integers(problem.mrf.nodes, size=len(flipped)) * (rng.random(len(flipped)) < 0.5)
         centre = poses.transform_points(state.belief.poses[about, chosen[flipped]], problem.mrf.centres[about])
         quarters = rng.integers(1, 4, size=(len(flipped), 1))
-        children[flipped] = _turned(rng, problem, children[flipped], centre, quarters)
+        axes = np.stack(_turning_axes(problem, children[flipped]))
+        axis = axes[rng.integers(len(axes), size=len(flipped)), np.arange(len(flipped))]
+        children[flipped] = _turned(children[flipped], centre, axis, quarters)
         kind[flipped] = FLIP
     together = (
         np.concatenate([roots, children]),
@@ -210,19 +217,18 @@ def _proposals(
     return together, slice(fresh, fresh + len(parents))
 
 
-def _turned(
-    rng: np.random.Generator, problem: Problem, roots: Array, centre: Array, quarters: NDArray[np.int64] | int
-) -> Array:
-    """Roots (P, 7) turned by `quarters` (P, 1) of 90° about `centre` (P, 3): about up, or where any orientation is
-    possible about a random one of the root's axes."""
-    assert isinstance(problem.prior, UniformPrior)
-    angle = np.broadcast_to(quarters, (len(roots), 1)) * (np.pi / 2)
-    axis = np.broadcast_to(problem.observation.up, (len(roots), 3))
-    if problem.prior.orientation == "any":
-        axis = poses.rotate(roots[:, 3:], np.eye(3)[rng.integers(3, size=len(roots))])
-    turn = poses.from_rotation_vector(angle * axis)
+def _turned(roots: Array, centre: Array, axis: Array, quarters: NDArray[np.int64] | int) -> Array:
+    """Roots (P, 7) turned by `quarters` (P, 1) of 90° about axes (P, 3) through `centre` (P, 3)."""
+    turn = poses.from_rotation_vector(np.broadcast_to(quarters, (len(roots), 1)) * (np.pi / 2) * axis)
     position = centre + poses.rotate(turn, roots[:, :3] - centre)
     return np.concatenate([position, poses.quaternion_multiply(turn, roots[:, 3:])], axis=-1)
+
+
+def _turning_axes(problem: Problem, roots: Array) -> list[Array]:
+    """Axes (P, 3) that an object may be turned about: up, or where any orientation is possible each of the root's."""
+    if problem.any_orientation:
+        return [poses.rotate(roots[:, 3:], axis) for axis in np.eye(3)]
+    return [np.broadcast_to(problem.observation.up, (len(roots), 3))]
 
 
 def walk(

@@ -41,17 +41,25 @@ class Problem:
     joint_turns: NDArray[np.bool_]
 
     @property
+    def any_orientation(self) -> bool:
+        """Whether the object may lie in any orientation, not only upright or as a gaussian prior says."""
+        return isinstance(self.prior, UniformPrior) and self.prior.orientation == "any"
+
+    @property
     def search_iterations(self) -> int:
-        """Iterations of the search: a long chain is found link by link, and gets more of them."""
+        """Iterations of the search: a long chain is found link by link and gets more of them, any orientation twice."""
         chosen = self.settings
         if chosen.search_iterations == 0:
             return 0
-        return chosen.search_iterations + chosen.search_iterations_per_joint * max(self.mrf.depth - 2, 0)
+        return (1 + self.any_orientation) * chosen.search_iterations + chosen.search_iterations_per_joint * max(
+            self.mrf.depth - 2, 0
+        )
 
     @property
     def search_proposals(self) -> int:
-        """Hypotheses an iteration of the search tries: more for more joints, half as many with a gaussian prior."""
-        share = 1.0 if isinstance(self.prior, UniformPrior) else 0.5
+        """Hypotheses an iteration of the search tries: more for more joints, half as many with a gaussian prior, and
+        twice as many for any orientation."""
+        share = (1.0 + self.any_orientation) if isinstance(self.prior, UniformPrior) else 0.5
         return round(self.settings.search_proposals * share * max(1.0, len(self.mrf.model.edges) / 3))
 
     def schedule(self, iteration: int) -> Schedule:

@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 # The categories of `scene/observation.py`; a test holds the two lists together.
 NO_DEPTH, OBJECT, SUPPORT, OUTSIDE = 0, 1, 2, 3
 
+# Pixels in a vector register: rows of buffers are read and written in multiples of it.
+LANES = 8
+
 _ZERO, _ONE = np.float32(0), np.float32(1)
 _CATEGORY_BITS = np.int32(3)
 
@@ -25,7 +28,9 @@ _CATEGORY_BITS = np.int32(3)
 def pack_view(depth: NDArray[np.float32], category: NDArray[np.uint8]) -> NDArray[np.int32]:
     """Depth (h, w) in metres and category (h, w) as one image (h + 2, w + 2) with a border without depth."""
     height, width = depth.shape
-    packed = np.zeros((height + 2, width + 2), dtype=np.int32)
+    # the rasteriser reads whole vectors of a row, the last of which may reach beyond it
+    room = np.zeros((height + 2) * (width + 2) + LANES, dtype=np.int32)
+    packed = room[: (height + 2) * (width + 2)].reshape(height + 2, width + 2)
     bits = depth.view(np.int32)
     for row in range(height):
         for column in range(width):

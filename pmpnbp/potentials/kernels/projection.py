@@ -60,7 +60,7 @@ def single(m: Any) -> Any:
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz", "contract"})
 def project(vertices: Any, m: Any, lens: Any, width: int, height: int, us: Any, vs: Any, ws: Any) -> Any:
-    """Project vertices (3, V) of a part, whose pose is `m`, into us, vs (pixels) and ws (1/z).
+    """Project the vertices xs, ys, zs of a part, whose pose is `m`, into us, vs (pixels) and ws (1/z).
 
     Returns the first and last column and the first and last row whose pixel centres the projections enclose, the last
     before the first where there is none; and whether a vertex lies before the near plane: then its projection means
@@ -68,7 +68,7 @@ def project(vertices: Any, m: Any, lens: Any, width: int, height: int, us: Any, 
     """
     m00, m01, m02, m10, m11, m12, m20, m21, m22, tx, ty, tz = single(m)
     fx, fy, cx, cy = np.float32(lens[0]), np.float32(lens[1]), np.float32(lens[2]), np.float32(lens[3])
-    xs, ys, zs = vertices[0], vertices[1], vertices[2]
+    xs, ys, zs = vertices
     before = np.int32(0)
     for k in range(len(xs)):
         depth = m20 * xs[k] + m21 * ys[k] + m22 * zs[k] + tz

@@ -19,13 +19,14 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
 def _sum_robust(buffer: Any, stride: int, box: Any, packed: Any, terms: Any) -> float:
-    left, right, top, bottom = box
+    """Sum over the buffer's pixels. Rows are read to the end of their stride, where nothing is drawn: whole vectors."""
+    left, _, top, bottom = box
+    image, width = packed.ravel(), packed.shape[1]
     total = 0.0
     for row in range(top, bottom + 1):
-        drawn = buffer[(row - top) * stride : (row - top) * stride + right - left + 1]
-        words = packed[row + 1, left + 1 : right + 2]
+        drawn, words = buffer[(row - top) * stride :], image[(row + 1) * width + left + 1 :]
         row_total: Any = _ZERO
-        for k in range(right - left + 1):
+        for k in range(np.int32(stride)):
             w = drawn[k]
             score = robust_pixel(words[k], _ONE / (w if w > _ZERO else _ONE), terms)
             row_total += score if w > _ZERO else _ZERO
@@ -35,15 +36,15 @@ def _sum_robust(buffer: Any, stride: int, box: Any, packed: Any, terms: Any) -> 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
 def _sum_distance(buffer: Any, stride: int, box: Any, packed: Any, lens: Any) -> float:
-    left, right, top, bottom = box
+    left, _, top, bottom = box
+    image, width = packed.ravel(), packed.shape[1]
     total = 0.0
     step, first = np.float32(1.0 / lens[0]), np.float32((left - lens[2]) / lens[0])
     for row in range(top, bottom + 1):
-        drawn = buffer[(row - top) * stride : (row - top) * stride + right - left + 1]
-        words = packed[row + 1, left + 1 : right + 2]
+        drawn, words = buffer[(row - top) * stride :], image[(row + 1) * width + left + 1 :]
         y = np.float32((row - lens[3]) / lens[1])
         row_total: Any = _ZERO
-        for k in range(right - left + 1):
+        for k in range(np.int32(stride)):
             w, x = drawn[k], first + np.float32(k) * step
             score = distance_pixel(words[k], _ONE / (w if w > _ZERO else _ONE), np.sqrt(x * x + y * y + _ONE))
             row_total += score if w > _ZERO else _ZERO

@@ -16,8 +16,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pmpnbp.potentials.kernels.pixel_scores import LANES
 from pmpnbp.potentials.kernels.projection import pose_in_camera, project
-from pmpnbp.potentials.kernels.triangles import LANES, row_stride, scan_clipped, scan_triangle
+from pmpnbp.potentials.kernels.triangles import row_stride, scan_clipped, scan_triangle
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
@@ -39,14 +40,21 @@ def scratch(mesh: Any, width: int, height: int) -> Any:
     )
 
 
+@njit(nogil=True, cache=True, error_model="numpy")
+def _rows(table: Any, begin: int, end: int) -> Any:
+    """Columns begin to end of a table (3, …) as three arrays: a slice of all rows at once is not contiguous to the
+    compiler, which then makes no vectors."""
+    return table[0, begin:end], table[1, begin:end], table[2, begin:end]
+
+
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz"})
 def _choose_faces(faces: Any, one_sided: Any, box: Any, us: Any, vs: Any, chosen: Any) -> int:
     """List in `chosen` the faces that may cover a pixel of the box, and return how many. Most of a fine mesh's faces
     fall between pixel centres or turn away; all are asked at once, in vectors, before any is drawn."""
     left, right, top, bottom = np.float32(box[0]), np.float32(box[1]), np.float32(box[2]), np.float32(box[3])
-    count, faces_left = 0, faces.shape[1]
-    for block in range(0, faces.shape[1], 32):
-        first, second, third, closed = faces[0, block:], faces[1, block:], faces[2, block:], one_sided[block:]
+    count, faces_left = 0, len(faces[0])
+    for block in range(0, len(faces[0]), 32):
+        first, second, third, closed = faces[0][block:], faces[1][block:], faces[2][block:], one_sided[block:]
         # one bit for each of 32 faces: a sum of bits becomes vectors, while a store might alias what is read
         bits: Any = np.int32(0)
         for f in range(np.int32(min(32, faces_left))):
@@ -67,12 +75,13 @@ def _choose_faces(faces: Any, one_sided: Any, box: Any, us: Any, vs: Any, chosen
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _draw_projected(target: Any, box: Any, vertices: Any, faces: Any, one_sided: Any, chosen: Any) -> None:
-    """Draw a part's triangles into a buffer whose first pixel is the first of `box`. vertices : us, vs, ws."""
+    """Draw a part's triangles into a buffer whose first pixel is the first of `box`. vertices : us, vs, ws; faces :
+    three arrays, as from `_rows`."""
     us, vs, ws = vertices
     left, top = float(box[0]), float(box[2])
     for n in range(_choose_faces(faces, one_sided, box, us, vs, chosen)):
         f = np.uint32(chosen[n])
-        i, j, k = np.uint32(faces[0, f]), np.uint32(faces[1, f]), np.uint32(faces[2, f])
+        i, j, k = np.uint32(faces[0][f]), np.uint32(faces[1][f]), np.uint32(faces[2][f])
         a = (us[i] - left, vs[i] - top, float(ws[i]))
         b = (us[j] - left, vs[j] - top, float(ws[j]))
         c = (us[k] - left, vs[k] - top, float(ws[k]))
@@ -81,13 +90,14 @@ def _draw_projected(target: Any, box: Any, vertices: Any, faces: Any, one_sided:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _draw_near(target: Any, box: Any, lens: Any, m: Any, vertices: Any, faces: Any) -> None:
-    """As _draw_projected, for a part of which some lies before the near plane, from vertices (3, V) at pose m."""
+    """As _draw_projected, for a part of which some lies before the near plane, from its vertices xs, ys, zs at pose m."""
     m00, m01, m02, m10, m11, m12, m20, m21, m22, tx, ty, tz = m
+    xs, ys, zs = vertices
     corners, clipped = np.empty((3, 3)), np.empty((4, 3))
-    for f in range(faces.shape[1]):
+    for f in range(len(faces[0])):
         for corner in range(3):
-            k = faces[corner, f]
-            x, y, z = float(vertices[0, k]), float(vertices[1, k]), float(vertices[2, k])
+            k = faces[corner][f]
+            x, y, z = float(xs[k]), float(ys[k]), float(zs[k])
             corners[corner, 0] = m00 * x + m01 * y + m02 * z + tx
             corners[corner, 1] = m10 * x + m11 * y + m12 * z + ty
             corners[corner, 2] = m20 * x + m21 * y + m22 * z + tz
@@ -105,9 +115,9 @@ def draw_part(node: int, pose: Any, view: Any, mesh: Any, room: Any) -> Any:
     vertices, faces, one_sided, vertex_offsets, face_offsets = mesh
     us, vs, ws, chosen, _, buffer, _ = room
     lens, pose_camera_world, width, height = view
-    own_vertices = vertices[:, vertex_offsets[node] : vertex_offsets[node + 1]]
-    own_faces = faces[:, face_offsets[node] : face_offsets[node + 1]]
-    if own_vertices.shape[1] == 0:
+    own_vertices = _rows(vertices, vertex_offsets[node], vertex_offsets[node + 1])
+    own_faces = _rows(faces, face_offsets[node], face_offsets[node + 1])
+    if len(own_vertices[0]) == 0:
         return (0, -1, 0, -1), LANES
     m = pose_in_camera(pose_camera_world, pose)
     box, near = project(own_vertices, m, lens, width, height, us, vs, ws)
@@ -137,7 +147,7 @@ def draw_object(poses: Any, view: Any, mesh: Any, room: Any) -> Any:
         if begin == end:
             continue
         m = pose_in_camera(pose_camera_world, poses[node])
-        box, near = project(vertices[:, begin:end], m, lens, width, height, us[begin:], vs[begin:], ws[begin:])
+        box, near = project(_rows(vertices, begin, end), m, lens, width, height, us[begin:], vs[begin:], ws[begin:])
         if box[0] <= box[1] and box[2] <= box[3]:
             boxes[node, 0], boxes[node, 1], boxes[node, 2], boxes[node, 3] = box
             boxes[node, 4] = near
@@ -151,11 +161,11 @@ def draw_object(poses: Any, view: Any, mesh: Any, room: Any) -> Any:
         if boxes[node, 0] > boxes[node, 1]:
             continue
         begin, end = vertex_offsets[node], vertex_offsets[node + 1]
-        own_faces = faces[:, face_offsets[node] : face_offsets[node + 1]]
+        own_faces = _rows(faces, face_offsets[node], face_offsets[node + 1])
         target = (buffer, owner, node, stride, right - left + 1, bottom - top + 1)
         if boxes[node, 4]:
             m = pose_in_camera(pose_camera_world, poses[node])
-            _draw_near(target, whole, lens, m, vertices[:, begin:end], own_faces)
+            _draw_near(target, whole, lens, m, _rows(vertices, begin, end), own_faces)
         else:
             projected = (us[begin:], vs[begin:], ws[begin:])
             _draw_projected(target, whole, projected, own_faces, one_sided[face_offsets[node] :], chosen)

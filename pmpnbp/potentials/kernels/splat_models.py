@@ -13,7 +13,8 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from pmpnbp.potentials.kernels.triangles import LANES, scan_triangle
+from pmpnbp.potentials.kernels.pixel_scores import LANES
+from pmpnbp.potentials.kernels.triangles import scan_triangle
 
 # Side of the drawn grid, a power of two; doubled up to FINEST while fewer than ENOUGH pixels are drawn.
 COARSEST, FINEST, ENOUGH = 64, 512, 2000

@@ -15,11 +15,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from pmpnbp.potentials.kernels.pixel_scores import LANES
 from pmpnbp.potentials.kernels.projection import NEAR
-
-# A buffer's rows are written in whole vectors of this many pixels: a row needs room for as many beyond its width
-# rounded up, and the last row too.
-LANES = 8
 
 # Added to a column, it takes a bound out of the image on the side where it does not bound.
 _BEYOND = 1e12
@@ -27,11 +24,12 @@ _BEYOND = 1e12
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def row_stride(width: int) -> int:
-    """Length of a buffer's rows that are to hold `width` pixels."""
+    """Length of a buffer's rows that are to hold `width` pixels: what is written beyond a row's end is what was there,
+    but the last row needs LANES more."""
     return (width + LANES - 1) // LANES * LANES
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy", inline="always")
 def scan_triangle(target: Any, a: Any, b: Any, c: Any) -> None:
     """Draw the triangle a b c, each (u, v, w): u v in pixels of the buffer, w its value.
 

@@ -1,0 +1,103 @@
+"""`pmpnbp benchmark`: how fast is it on this machine? Kernels and inference, as a table and as one JSON file."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Callable
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numba
+
+from benchmarks import inference, kernels
+from benchmarks.tables import progress
+from pmpnbp.errors import PmpnbpError
+
+SCHEMA = "pmpnbp/benchmark-1"
+PACKAGES = ("pmpnbp", "numpy", "numba", "scipy", "open3d-cpu", "open3d")
+
+
+class OutputError(PmpnbpError):
+    """The figures cannot be written where they were asked for."""
+
+
+def main(out: Path | None = None, plan: inference.Plan | None = None, seconds: float = kernels.SECONDS) -> None:
+    """Measure, print the tables, and write the JSON to `out`; progress goes to stderr.
+
+    plan : how much of the inference is measured, everything by default; seconds : for each of the kernels' rates
+    Raises OutputError, before anything is measured, where `out` cannot be written.
+    """
+    if out is not None and (out.is_dir() or not out.absolute().parent.is_dir()):
+        raise OutputError(f"--out '{out}' cannot be written; expected the name of a file in a folder that is there")
+    figures = collect(plan or inference.Plan(), seconds, progress)
+    if out is not None:
+        try:
+            out.write_text(json.dumps(figures, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise OutputError(f"--out '{out}' cannot be written: {error.strerror}") from None
+    print(report(figures))
+
+
+def collect(plan: inference.Plan, seconds: float, say: Callable[[str], None]) -> dict[str, Any]:
+    """All figures: {"schema", "date", "machine", "kernels", "inference"}."""
+    described = machine()
+    say("kernels against the ray caster")
+    rates = kernels.measure(seconds)
+    times = inference.measure(plan, say)
+    return {
+        "schema": SCHEMA,
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": described,
+        "kernels": rates,
+        "inference": times,
+    }
+
+
+def machine() -> dict[str, Any]:
+    """What it ran on: processor, cores, threads of the kernels, how busy it was before, and versions."""
+    return {
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "kernel_threads": numba.get_num_threads(),
+        "load_average_before": round(os.getloadavg()[0], 2),
+        "system": f"{platform.system()} {platform.machine()}",
+        "versions": {"python": platform.python_version(), **_versions()},
+    }
+
+
+def report(figures: dict[str, Any]) -> str:
+    """The figures as text."""
+    described = figures["machine"]
+    versions = ", ".join(f"{name} {number}" for name, number in described["versions"].items())
+    return "\n".join([
+        f"{described['processor']}, {described['cores']} cores, load {described['load_average_before']} before; {versions}",
+        "", "Kernels, part poses a second, and as multiples of the ray caster's:", "", kernels.table(figures["kernels"]),
+        "", inference.table(figures["inference"]),
+    ])  # fmt: skip
+
+
+def _processor() -> str:
+    information = Path("/proc/cpuinfo")
+    if information.is_file():
+        for line in information.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+def _versions() -> dict[str, str]:
+    found = {}
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+if __name__ == "__main__":
+    main()

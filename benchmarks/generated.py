@@ -59,7 +59,8 @@ def chest(parts: int) -> Generated:
             )
         )  # fmt: skip
     # neighbours stand out by different lengths, so that their fronts can be told apart
-    return Generated(urdf_text.robot("chest", elements), 0.03 * (1.0 + np.arange(drawers) % 5), height)
+    out = 0.03 * (1.0 + np.arange(drawers, dtype=np.float64) % 5)
+    return Generated(urdf_text.robot("chest", elements), out, height)
 
 
 def chain(parts: int) -> Generated:

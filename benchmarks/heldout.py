@@ -101,7 +101,7 @@ def _figures(runs: Sequence[Run]) -> list[str]:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Print the tables."""
-    parser = options.parser("success on random scenes", seeds=1, iterations=30)
+    parser = options.parser("success on random scenes", seeds=1, iterations=100)
     for kind, count in SCENES.items():
         parser.add_argument(f"--{kind}s", type=int, default=count, help=f"scenes with a {kind} (default {count})")
     arguments = parser.parse_args(words)

@@ -1,7 +1,8 @@
 """How long does an iteration take, by particles and by parts, and how long until an object is found?
 
 Iterations are given in milliseconds and as multiples of a fixed NumPy workload that is timed just before, so that
-figures of different machines, and of a busy one, can be held against each other. Run it: `python -m benchmarks.inference`.
+figures of different machines, and of a busy one, can be held against each other. Run it:
+`python -m benchmarks.inference`.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from benchmarks import peak_memory
 from benchmarks.generated import KINDS, generated_case
 from benchmarks.success import MODES, ROUGH_ITERATIONS, SCENES, TOLERANCE, load_cabinet
 from benchmarks.tables import markdown, progress
-from benchmarks.trials import Case, Trial, run_trial, warm_kernels
+from benchmarks.trials import Case, Trial, run_trial, shortened, warm_kernels
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run as engine
 from pmpnbp.scene.prior import UniformPrior
@@ -32,14 +33,14 @@ class Plan:
     """How much is measured.
 
     particles : numbers of particles on the sample cabinet; parts : numbers of parts at `parts_particles` particles
-    repeats : iterations of preset paper, and of robust once its schedule is over; scenes, seeds : runs to convergence
+    repeats : iterations of each stage but the search; scenes, seeds : runs to convergence
     memory : whether a process is started to measure it
     """
 
     particles: tuple[int, ...] = (100, 200, 400, 800, 1600, 3200)
     parts: tuple[int, ...] = (4, 12, 24, 48)
     parts_particles: int = 400
-    repeats: int = 7
+    repeats: int = 8
     scenes: tuple[str, ...] = SCENES
     seeds: int = 3
     memory: bool = True
@@ -69,7 +70,7 @@ def measure(plan: Plan, say: Callable[[str], None] = progress) -> dict[str, Any]
             for name in PRESETS:
                 say(f"iterations of preset {name}, {kind} of {parts} parts")
                 case = generated_case(kind, parts, settings[name])
-                times = iteration_times(case, settings[name], plan.parts_particles, plan.repeats)
+                times = iteration_times(case, settings[name], plan.parts_particles, plan.repeats, search=1)
                 by_parts.append({"object": kind, "parts": parts, "preset": name, **times})
     return {
         "reference": REFERENCE,
@@ -91,18 +92,19 @@ def reference_milliseconds() -> float:
     return 1000.0 * float(np.median(taken))
 
 
-def iteration_times(case: Case, settings: Settings, particles: int, repeats: int) -> dict[str, Any]:
+def iteration_times(case: Case, settings: Settings, particles: int, repeats: int, search: int = 2) -> dict[str, Any]:
     """Median milliseconds of an iteration in each stage, from no prior: {"particles", "reference_ms", "ms": {stage: },
     "ratio": {stage: }}.
 
-    The schedule is run once, and `repeats` iterations more; of each stage the first iteration is left out.
+    The schedule is shortened: `search` iterations of search, which are slow and all alike, and `repeats` of each other
+    stage. Of each stage the first iteration is left out, unless it is the only one.
     """
     reference = reference_milliseconds()
-    problem = problems.build(case.model, case.observation, UniformPrior("upright"), settings, particles=particles, seed=0)
-    schedule = settings.search_iterations + settings.anneal_iterations + settings.refine_iterations
+    short = shortened(settings, search=search, anneal=repeats, refine=repeats)
+    problem = problems.build(case.model, case.observation, UniformPrior("upright"), short, particles=particles, seed=0)
     state, _ = engine.begin(problem)
     taken: dict[str, list[float]] = {}
-    for _ in range(schedule + repeats):
+    for _ in range(max(short.search_iterations + short.anneal_iterations + short.refine_iterations, repeats)):
         state, report = engine.advance(state, problem)
         taken.setdefault(report.stage, []).append(1000.0 * report.seconds)
     stages = {stage: float(np.median(times[1:] or times)) for stage, times in taken.items()}
@@ -110,7 +112,7 @@ def iteration_times(case: Case, settings: Settings, particles: int, repeats: int
         "particles": particles,
         "reference_ms": reference,
         "ms": stages,
-        "ratio": {stage: taken / reference for stage, taken in stages.items()},
+        "ratio": {stage: milliseconds / reference for stage, milliseconds in stages.items()},
     }
 
 
@@ -119,7 +121,8 @@ def convergence(known: str, plan: Plan, say: Callable[[str], None] = progress) -
 
     Returns {"known", "runs", "converged", "prepare_seconds", "seconds", "iterations", "seconds_to_20",
     "seconds_to_result", "found"}: `seconds` until convergence, preparation included, reading files not; `seconds_to_20`
-    until iteration 20; `seconds_to_result` until every part that counts is within 1 cm and stays so, of the `found` runs.
+    until iteration 20; `seconds_to_result` until every part that counts is within 1 cm and stays so, of the `found`
+    runs.
     """
     mode, robust = MODES[known], preset("robust")
     trials: list[Trial] = []
@@ -128,9 +131,7 @@ def convergence(known: str, plan: Plan, say: Callable[[str], None] = progress) -
         for seed in range(plan.seeds):
             say(f"to convergence, {mode.name}: {scene}, seed {seed}")
             trials.append(
-                run_trial(
-                    case, mode.prior(case, seed), robust, seed=seed, iterations=30, at_least=ROUGH_ITERATIONS
-                )
+                run_trial(case, mode.prior(case, seed), robust, seed=seed, iterations=30, at_least=ROUGH_ITERATIONS)
             )
     results = np.array([trial.seconds_to_result(TOLERANCE) for trial in trials])
     found = results[np.isfinite(results)]

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks import options
 from benchmarks.alignment import offset
@@ -56,11 +57,11 @@ class Robot:
 ROBOTS = {
     "fetch": Robot(
         "Fetch, simulated scans", "fetch", ("scan_0", "scan_1"), "base_link", 0.10, 10.0,
-        (-0.9, -0.9, -0.1, 0.9, 0.9, 1.5), 0.05, False, 60, 5,
+        (-0.9, -0.9, -0.1, 0.9, 0.9, 1.5), 0.05, False, 100, 5,
     ),
     "xarm": Robot(
         "xArm 7, real depth", "real_xarm7", ("frame_0", "frame_4", "frame_7"), "link_base", 0.02, 2.0,
-        (-0.75, -0.75, -0.1, 0.75, 0.75, 1.0), 0.025, True, 60, 3,
+        (-0.75, -0.75, -0.1, 0.75, 0.75, 1.0), 0.025, True, 100, 3,
     ),
 }  # fmt: skip
 
@@ -121,8 +122,9 @@ def report(robot: Robot, runs: Sequence[Run]) -> str:
     total, good = sum(len(each) for each in within), sum(int(each.sum()) for each in within)
     by_link = [[run.scan, run.seed, *_link_cells(robot, run)] for run in runs]
     by_joint = [[run.scan, run.seed, *(f"{run.joint_errors[name]:+.1f}" for name in joints)] for run in runs]
+    limit = f"{100 * robot.tolerance:.1f} cm"
     return "\n".join([
-        f"### {robot.title}", "", f"Within {100 * robot.tolerance:.1f} cm: {rate(good, total)} of the parts that count.",
+        f"### {robot.title}", "", f"Within {limit}: {rate(good, total)} of the parts that count.",
         "", markdown(header, summary), "",
         "Errors by part (cm; ADD-S for symmetric ones; in brackets: less than a tenth visible)"
         + (", the offset taken off:" if robot.aligned else ":"),
@@ -148,13 +150,19 @@ def _judged(robot: Robot, scan: str, seed: int, case: Case, trial: Trial, readin
 
 
 def _joint_errors(model: ArticulatedObject, joint_positions: Array, truth: dict[str, float]) -> dict[str, float]:
-    """Degrees, of turning joints with one position: less than half a turn either way, as whole turns look the same."""
+    """Degrees, of turning joints between parts: less than half a turn either way, as whole turns look the same."""
     values = model.joint_values(joint_positions)
-    turning = [joint.name for joint in model.joints if joint.kind in ("revolute", "continuous") and joint.name in truth]
-    return {name: (np.degrees(values[name][0] - truth[name]) + 180.0) % 360.0 - 180.0 for name in turning}
+    # joints above the first part (a mobile base's) are not inferred: the base's own pose stands for them
+    inferred = {int(coordinate) for edge in model.edges for coordinate in edge.coordinates}
+    turning = [
+        joint.name
+        for joint in model.joints
+        if joint.kind in ("revolute", "continuous") and joint.name in truth and inferred.issuperset(joint.coordinates)
+    ]
+    return {name: float((np.degrees(values[name][0] - truth[name]) + 180.0) % 360.0 - 180.0) for name in turning}
 
 
-def _counted(robot: Robot, run: Run) -> Array:
+def _counted(robot: Robot, run: Run) -> NDArray[np.bool_]:
     """Which parts count: the visible ones, or all where the robot is judged link by link."""
     return np.ones(len(run.errors), dtype=np.bool_) if robot.aligned else run.case.judged
 
@@ -191,7 +199,9 @@ def main(words: Sequence[str] | None = None, data: Path = DATA) -> None:
     for name in arguments.robots:
         robot = ROBOTS[name]
         if not (data / robot.folder / "model.urdf").is_file():
-            print(f"{robot.title}: skipped, because the data is not in '{data.name}/{robot.folder}' beside the checkout.")
+            print(
+                f"{robot.title}: skipped, because the data is not in '{data.name}/{robot.folder}' beside the checkout."
+            )
             continue
         runs = measure(
             robot, arguments.seeds or robot.seeds, arguments.iterations or robot.iterations, arguments.particles,

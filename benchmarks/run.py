@@ -25,15 +25,18 @@ class OutputError(PmpnbpError):
     """The figures cannot be written where they were asked for."""
 
 
-def main(out: Path | None = None, plan: inference.Plan | None = None, seconds: float = kernels.SECONDS) -> None:
+Rates = Callable[[], dict[str, Any]]
+
+
+def main(out: Path | None = None, plan: inference.Plan | None = None, rates: Rates = kernels.measure) -> None:
     """Measure, print the tables, and write the JSON to `out`; progress goes to stderr.
 
-    plan : how much of the inference is measured, everything by default; seconds : for each of the kernels' rates
+    plan : how much of the inference is measured, everything by default; rates : measures the kernels
     Raises OutputError, before anything is measured, where `out` cannot be written.
     """
     if out is not None and (out.is_dir() or not out.absolute().parent.is_dir()):
         raise OutputError(f"--out '{out}' cannot be written; expected the name of a file in a folder that is there")
-    figures = collect(plan or inference.Plan(), seconds, progress)
+    figures = collect(plan or inference.Plan(), rates, progress)
     if out is not None:
         try:
             out.write_text(json.dumps(figures, indent=1, allow_nan=False) + "\n", encoding="utf-8")
@@ -42,17 +45,17 @@ def main(out: Path | None = None, plan: inference.Plan | None = None, seconds: f
     print(report(figures))
 
 
-def collect(plan: inference.Plan, seconds: float, say: Callable[[str], None]) -> dict[str, Any]:
+def collect(plan: inference.Plan, rates: Rates, say: Callable[[str], None]) -> dict[str, Any]:
     """All figures: {"schema", "date", "machine", "kernels", "inference"}."""
     described = machine()
     say("kernels against the ray caster")
-    rates = kernels.measure(seconds)
+    found = rates()
     times = inference.measure(plan, say)
     return {
         "schema": SCHEMA,
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": described,
-        "kernels": rates,
+        "kernels": found,
         "inference": times,
     }
 
@@ -74,9 +77,11 @@ def report(figures: dict[str, Any]) -> str:
     described = figures["machine"]
     versions = ", ".join(f"{name} {number}" for name, number in described["versions"].items())
     return "\n".join([
-        f"{described['processor']}, {described['cores']} cores, load {described['load_average_before']} before; {versions}",
-        "", "Kernels, part poses a second, and as multiples of the ray caster's:", "", kernels.table(figures["kernels"]),
-        "", inference.table(figures["inference"]),
+        f"{described['processor']}, {described['cores']} cores, load {described['load_average_before']} before",
+        versions, "",
+        "Kernels, part poses a second, and as multiples of the ray caster's:", "",
+        kernels.table(figures["kernels"]), "",
+        inference.table(figures["inference"]),
     ])  # fmt: skip
 
 

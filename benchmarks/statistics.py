@@ -12,8 +12,8 @@ QUANTILE = 1.959964
 
 
 def wilson(successes: int, trials: int, quantile: float = QUANTILE) -> tuple[float, float]:
-    """Lower and upper end, 0 to 1, of the interval for the rate behind `successes` of `trials` independent trials; 0 and
-    1 without trials. Raises ValueError where the counts are none."""
+    """Lower and upper end, 0 to 1, of the interval for the rate behind `successes` of `trials` independent trials; 0
+    and 1 without trials. Raises ValueError where there are fewer trials than successes."""
     if not 0 <= successes <= trials:
         raise ValueError(f"{successes} successes of {trials} trials: expected 0 to the number of trials")
     if trials == 0:

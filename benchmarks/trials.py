@@ -41,7 +41,8 @@ IN_FRONT = 0.03
 class Case:
     """A scene with its truth.
 
-    true_poses : (N, 7) part in world; true_links : (7,) link in world, by name; true_joints : by name, metres or radians
+    true_poses : (N, 7) part in world; true_links : (7,) link in world, by name
+    true_joints : by name, metres or radians
     shares : (N,) of each part, the share of the pixels it would cover alone in which it is seen
     symmetric : (N,) bool, parts judged by nearest points (ADD-S) because their turns cannot be told apart
     points : N of (m, 3), the surface points that errors average over
@@ -120,7 +121,8 @@ def load_case(name: str, model: ArticulatedObject, folder: Path, region: Array |
         shares = np.array([_share(part, more["visible_fraction"], more["pixels_alone"]) for part in model.parts])
     else:
         shares = visible_fractions(observation, prepare_surfaces(model), true_poses, IN_FRONT)
-    symmetric = np.array([bool({*part.links} & {*more.get("symmetric", ())}) for part in model.parts])
+    # by the link that the part is named after: a base with round wheels fixed to it is not round itself
+    symmetric = np.array([part.name in more.get("symmetric", ()) for part in model.parts])
     return Case(
         name, model, observation, true_poses, truth["links"], truth["joints"], shares, symmetric, surface_points(model)
     )
@@ -136,9 +138,7 @@ def surface_points(model: ArticulatedObject) -> tuple[Array, ...]:
     return tuple(model_points(part.mesh) if part.visible else np.zeros((1, 3)) for part in model.parts)
 
 
-def rough_prior(
-    rng: np.random.Generator, case: Case, link: str, metres: float, degrees: float
-) -> GaussianPrior:
+def rough_prior(rng: np.random.Generator, case: Case, link: str, metres: float, degrees: float) -> GaussianPrior:
     """A prior on `link` with these standard deviations per axis, whose mean is a draw of itself about the truth; the
     joints unknown."""
     turn = np.deg2rad(degrees)
@@ -177,11 +177,17 @@ def run_trial(
     return Trial(case.errors(found), found, joints, np.array(elapsed), np.array(worst), at_rest)
 
 
+def shortened(settings: Settings, *, search: int, anneal: int, refine: int) -> Settings:
+    """`settings` with a shorter schedule: of each stage at most so many iterations, however many joints there are."""
+    most = {"search_iterations": search, "anneal_iterations": anneal, "refine_iterations": refine}
+    counts = {name: min(count, getattr(settings, name)) for name, count in most.items()}
+    return changed(settings, counts | {"search_iterations_per_joint": 0})
+
+
 def warm_kernels(case: Case, settings: Settings) -> None:
     """Have every kernel compiled that `settings` use, by a short run that goes through all stages; what it finds is
     of no interest. Without it the first trial of a process would wait for the compiler, or for its cache."""
-    stages = {"search_iterations": 1, "anneal_iterations": 1, "refine_iterations": 1}
-    short = changed(settings, {name: min(count, getattr(settings, name)) for name, count in stages.items()})
+    short = shortened(settings, search=1, anneal=1, refine=1)
     run_trial(case, UniformPrior("upright"), short, seed=0, iterations=4, particles=50)
     link = case.model.parts[0].links[0]
     pose = case.true_poses[0]

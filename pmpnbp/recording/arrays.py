@@ -75,7 +75,7 @@ def to_report(number: int, scalars: Mapping[str, Any], arrays: Arrays) -> Iterat
         scalars["tolerance"],
         _frozen(found["effective_sample_size"]),
         _frozen(found["mle"]),
-        found.get("mle_joints"),  # type: ignore[arg-type]  # the paper's estimate has none
+        found.get("mle_joints"),  # the paper's estimate has none
         float("nan") if scalars["mle_score"] is None else scalars["mle_score"],
         scalars["seconds"],
         tuple(scalars["notes"]),

@@ -3,8 +3,8 @@
 What no ray from outside reaches (motors and screws inside a housing) is left out first: no depth sensor sees it, and
 it took up to two thirds of a robot part's triangles. The rest is reduced by quadric edge collapse (Garland and Heckbert
 1997). Of the two programs at hand Open3D's was taken: on the Fetch robot and the xArm, at 500 triangles a part,
-fast_simplification missed the budget on several and strayed up to 168 mm; Open3D's keeps the budget. The deviation is measured, not promised: the largest distance between the two
-surfaces, both ways, from points spread evenly over each.
+fast_simplification missed the budget on several and strayed up to 168 mm; Open3D's keeps the budget. The deviation is
+measured, not promised: the largest distance between the two surfaces, both ways, from points spread evenly over each.
 """
 
 from __future__ import annotations

@@ -127,7 +127,7 @@ def scene() -> Problem:
 
 @pytest.fixture(scope="module")
 def searched(scene: Problem) -> list[run.IterationReport]:
-    return list(run.iterate(scene, scene.settings.search_iterations))
+    return list(run.iterate(scene, scene.search_iterations))
 
 
 def test_a_searched_belief_is_made_of_whole_objects(scene: Problem, searched: list[run.IterationReport]) -> None:
@@ -176,10 +176,13 @@ def test_it_finds_an_upright_object_anywhere(scene: Problem, seed: int) -> None:
 def test_any_orientation_finds_an_object_that_does_not_stand(root: Array) -> None:
     observation = worlds.seen(MODEL, root, JOINTS)
     made = problem.build(
-        MODEL, observation, UniformPrior("any"), worlds.settings(search_iterations=6), particles=100, seed=1
+        MODEL, observation, UniformPrior("any"), worlds.settings(search_proposals=3000), particles=100, seed=1
     )
-    report = list(run.iterate(made, 24))[-1]
+    report = list(run.iterate(made, made.search_iterations + 12))[-1]
     assert errors_of(MODEL, report.mle, MODEL.part_poses(root, JOINTS)).max() < 0.01
-    upright = replace(made, prior=UniformPrior("upright"))
-    report = list(run.iterate(upright, upright.settings.search_iterations))[-1]
-    assert errors_of(MODEL, report.mle, MODEL.part_poses(root, JOINTS)).max() > 0.03  # it was told it stands
+
+
+def test_upright_the_search_starts_from_hypotheses_that_stand(scene: Problem) -> None:
+    report = list(run.iterate(scene, 1))[-1]
+    up = poses.rotate(report.belief.poses[0, :, 3:], worlds.UP)
+    np.testing.assert_allclose(up, np.tile(worlds.UP, (len(up), 1)), atol=1e-9)

@@ -90,7 +90,7 @@ def _draw_projected(target: Any, box: Any, vertices: Any, faces: Any, one_sided:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _draw_near(target: Any, box: Any, lens: Any, m: Any, vertices: Any, faces: Any) -> None:
-    """As _draw_projected, for a part of which some lies before the near plane, from its vertices xs, ys, zs at pose m."""
+    """As _draw_projected, from the vertices xs, ys, zs at pose m of a part that is partly before the near plane."""
     m00, m01, m02, m10, m11, m12, m20, m21, m22, tx, ty, tz = m
     xs, ys, zs = vertices
     corners, clipped = np.empty((3, 3)), np.empty((4, 3))

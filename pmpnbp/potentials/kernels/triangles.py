@@ -29,7 +29,7 @@ def row_stride(width: int) -> int:
     return (width + LANES - 1) // LANES * LANES
 
 
-@njit(nogil=True, cache=True, error_model="numpy", inline="always")
+@njit(nogil=True, cache=True, error_model="numpy")
 def scan_triangle(target: Any, a: Any, b: Any, c: Any) -> None:
     """Draw the triangle a b c, each (u, v, w): u v in pixels of the buffer, w its value.
 

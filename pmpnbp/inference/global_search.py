@@ -255,11 +255,8 @@ def walk(
     unary = np.zeros((count, mrf.nodes))
     part_poses[:, 0] = roots
     unary[:, 0] = problem.unary(np.zeros(count, dtype=np.int32), roots, plan.tolerance, "splats", SEARCH_POINTS)
-    placed = {0}
-    for number, edge in enumerate(mrf.model.edges):
-        if edge.child in placed:
-            continue
-        placed.add(edge.child)
+    for number in mrf.tree:
+        edge = mrf.model.edges[number]
         settled = edge.axis_positions(joints)
         fixed_already = all(c in _coordinates_of(mrf.model.edges[:number]) for c in edge.coordinates)
         axes = settled[:, None] if fixed_already else _trials(rng, edge, settled, mrf.radii[edge.child], plan)

@@ -22,6 +22,7 @@ class Mrf:
     incoming : for each node, the messages that reach it, in order of their number
     feeding : (E,) lists: the messages u → sender[e] with u other than receiver[e] (box 1 step 2c)
     table : the edges as the pairwise potential's sums take them
+    tree : numbers of the edges that first reach their child; the others close loops
     depth : joints between the root and the part farthest from it
     centres, radii : (N, 3), (N,) metres, middle of each part's bounding box and its half diagonal
     """
@@ -32,6 +33,7 @@ class Mrf:
     edge: NDArray[np.int32]
     incoming: tuple[tuple[int, ...], ...]
     feeding: tuple[tuple[int, ...], ...]
+    tree: tuple[int, ...]
     depth: int
     centres: Array
     radii: Array
@@ -75,6 +77,7 @@ def build(model: ArticulatedObject) -> Mrf:
     # the message back along the same edge is e ^ 1; of two edges between the same parts only that one is left out
     feeding = tuple(tuple(f for f in incoming[sender[e]] if f != e ^ 1) for e in messages)
     depth = max((len(edge.axes) for edge in edges), default=1)
+    tree = _tree(model)
     count = len(edges)
     before, axes = np.zeros((count, depth, 7)), np.zeros((count, depth, 3))
     revolute, after = np.zeros((count, depth), dtype=bool), np.zeros((count, 7))
@@ -88,16 +91,25 @@ def build(model: ArticulatedObject) -> Mrf:
         [np.linalg.norm(np.ptp(part.mesh.vertices, axis=0)) / 2 if part.visible else 0.05 for part in model.parts]
     )
     return Mrf(
-        model, sender, receiver, np.arange(len(sender), dtype=np.int32) // 2, incoming, feeding, _depth(model), centres,
-        radii,
+        model, sender, receiver, np.arange(len(sender), dtype=np.int32) // 2, incoming, feeding, tree,
+        _depth(model, tree), centres, radii,
         np.array([len(edge.axes) for edge in edges], dtype=np.int64), before, revolute, axes, after,
         edge_table(edges),
     )  # fmt: skip
 
 
-def _depth(model: ArticulatedObject) -> int:
+def _tree(model: ArticulatedObject) -> tuple[int, ...]:
+    reached = {0}
+    tree = []
+    for number, edge in enumerate(model.edges):
+        if edge.child not in reached:
+            reached.add(edge.child)
+            tree.append(number)
+    return tuple(tree)
+
+
+def _depth(model: ArticulatedObject, tree: tuple[int, ...]) -> int:
     steps = {0: 0}
-    for edge in model.edges:
-        if edge.child not in steps:
-            steps[edge.child] = steps[edge.parent] + 1
+    for number in tree:
+        steps[model.edges[number].child] = steps[model.edges[number].parent] + 1
     return max(steps.values())

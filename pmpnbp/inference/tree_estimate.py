@@ -88,12 +88,10 @@ def assemble(mrf: Mrf, part_poses: Array, anchor: int) -> tuple[Array, Array]:
     model = mrf.model
     joints = np.tile(np.clip(0.0, model.lower, model.upper), (len(part_poses), 1))
     placed = {anchor: part_poses[:, anchor]}
-    waiting = list(model.edges)
+    waiting = [model.edges[number] for number in mrf.tree]
     while waiting:
         later = []
         for edge in waiting:
-            if edge.parent in placed and edge.child in placed:
-                continue  # closes a loop
             if edge.parent not in placed and edge.child not in placed:
                 later.append(edge)
                 continue

@@ -334,6 +334,7 @@ def test_benchmark_runs_the_project_s_own(tmp_path: Path, monkeypatch: pytest.Mo
     ):
         benchmark_command.run(None, tmp_path)
     (tmp_path / "benchmarks").mkdir()
+    (tmp_path / "benchmarks" / "__init__.py").touch()
     (tmp_path / "benchmarks" / "run.py").write_text("def main(out):\n    out.write_text('measured')\n")
     monkeypatch.setattr(sys, "path", list(sys.path))
     for name in ("benchmarks", "benchmarks.run"):

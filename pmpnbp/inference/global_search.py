@@ -10,7 +10,7 @@ of these as islands. The belief it leaves is made of whole objects: particle i o
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -20,22 +20,15 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import log_weights as lw
 from pmpnbp.inference.belief import FLIP, OWN, START, SURFACE, Belief, IterationReport, State
+from pmpnbp.inference.hypotheses import Hypotheses, distinct, walk
 from pmpnbp.inference.initialisation import matched_roots, prior_roots, random_joints
-from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores, polish
-from pmpnbp.potentials.pairwise import stratified_axes
-from pmpnbp.scene.articulated_object import Edge
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.settings import Schedule
 
 Kind = TypeVar("Kind", bound=np.generic)
 
-# Splats a part is judged by in the search; a hypothesis that is far off needs no more to be dropped.
-SEARCH_POINTS = 64
-# Positions near its own that a joint is tried at, and how often offspring try no others.
-NEAR = 3
-CAUTION = 0.5
 # Places near each quarter turn of a finalist that are tried.
 FLIP_PLACES = 50
 # The last comparison is made at this many times the tolerance that annealing ends at.
@@ -59,30 +52,6 @@ SETTLE_UNINFORMED = Settling(finalists=5, rounds=3, rivals=4, last_rounds=12)
 SETTLE_INFORMED = Settling(finalists=3, rounds=2, rivals=2, last_rounds=4)
 
 
-@dataclass(frozen=True)
-class Hypotheses:
-    """P whole objects: roots (P, 7), joints (P, D), where each came from and its ancestor (P,), parts' log unary (P, N)
-    and poses (P, N, 7)."""
-
-    roots: Array
-    joints: Array
-    source: NDArray[np.uint8]
-    ancestor: NDArray[np.int32]
-    unary: Array
-    part_poses: Array
-
-    def taken(self, rows: NDArray[np.int64]) -> Hypotheses:
-        """Those at `rows`."""
-        return Hypotheses(
-            self.roots[rows], self.joints[rows], self.source[rows], self.ancestor[rows], self.unary[rows],
-            self.part_poses[rows],
-        )  # fmt: skip
-
-    def joined(self, other: Hypotheses) -> Hypotheses:
-        """These and then the others."""
-        return Hypotheses(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)))
-
-
 def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, IterationReport]:
     """One iteration of the search."""
     began = time.perf_counter()
@@ -96,7 +65,7 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
         total = total + problem.log_prior(tried.part_poses[:, problem.prior_node])
     # render twice as many as are kept: the sum over parts counts a pixel once for every part that claims it
     order = np.argsort(-total, kind="stable")[: 20 * settings.search_islands]
-    leaders, member_of = _distinct(problem, tried, order, 3 * settings.search_islands, 1.5 * plan.diffusion_position)
+    leaders, member_of = distinct(problem, tried, order, 3 * settings.search_islands, 1.5 * plan.diffusion_position)
     whole = configuration_scores(problem, tried.roots[leaders], tried.joints[leaders], plan.tolerance)
     ranked = np.argsort(-whole, kind="stable")[: settings.search_islands]
     if number == problem.search_iterations:
@@ -146,9 +115,9 @@ def _settled(
         finalists = finalists.joined(flips.taken(best))
     finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, effort.rounds)
     order = np.argsort(-score, kind="stable")
-    distinct, _ = _distinct(problem, finalists, order, effort.rivals, plan.diffusion_position)
+    rivals, _ = distinct(problem, finalists, order, effort.rivals, plan.diffusion_position)
     tight = FINAL_TOLERANCE * problem.settings.tolerance_end
-    return _polished(rng, problem, finalists.taken(distinct), plan, tight, effort.last_rounds)
+    return _polished(rng, problem, finalists.taken(rivals), plan, tight, effort.last_rounds)
 
 
 def _polished(
@@ -229,104 +198,6 @@ def _turning_axes(problem: Problem, roots: Array) -> list[Array]:
     if problem.any_orientation:
         return [poses.rotate(roots[:, 3:], axis) for axis in np.eye(3)]
     return [np.broadcast_to(problem.observation.up, (len(roots), 3))]
-
-
-def walk(
-    rng: np.random.Generator,
-    problem: Problem,
-    proposals: tuple[Array, Array, NDArray[np.uint8], NDArray[np.int32]],
-    plan: Schedule,
-    kept: slice = slice(0),
-) -> Hypotheses:
-    """From the root outwards, give each joint the position at which the part behind it explains the scan best.
-
-    Those in `kept` stay as they are, and offspring often stay near to their joints, so that what was found far out is
-    not lost with every step near the root.
-
-    Positions tried: the proposal's own, some near it, and stratified ones over the range, as many as bring the part
-    within the tolerance of any place it can reach. Half of the proposals choose with some chance, so that a part that
-    is taken in by a wrong surface is not so in all of them.
-    """
-    roots, joints, source, ancestor = proposals
-    offspring = (source == OWN) & (ancestor >= 0)
-    mrf, count = problem.mrf, len(roots)
-    joints = joints.copy()
-    part_poses = np.zeros((count, mrf.nodes, 7))
-    unary = np.zeros((count, mrf.nodes))
-    part_poses[:, 0] = roots
-    unary[:, 0] = problem.unary(np.zeros(count, dtype=np.int32), roots, plan.tolerance, "splats", SEARCH_POINTS)
-    for number in mrf.tree:
-        edge = mrf.model.edges[number]
-        settled = edge.axis_positions(joints)
-        fixed_already = all(c in _coordinates_of(mrf.model.edges[:number]) for c in edge.coordinates)
-        axes = settled[:, None] if fixed_already else _trials(rng, edge, settled, mrf.radii[edge.child], plan)
-        draws, depth = axes.shape[1:]
-        padded = np.zeros((1, count, draws, mrf.axes_per_edge))
-        padded[0, ..., :depth] = axes
-        to_child = np.array([2 * number + 1], dtype=np.int32)
-        tried = mrf.across(to_child, part_poses[None, :, edge.parent], padded)[0]
-        node = np.full(count * draws, edge.child, dtype=np.int32)
-        score = problem.unary(node, tried.reshape(-1, 7), plan.tolerance, "splats", SEARCH_POINTS).reshape(count, draws)
-        noise = rng.gumbel(size=score.shape) * (0.1 * np.abs(score).max(axis=1, keepdims=True) + 1e-9)
-        noise[::2] = 0.0
-        score[offspring & (rng.random(count) < CAUTION), 1 + NEAR :] = -np.inf
-        pick = (score + noise).argmax(axis=1)
-        pick[kept] = 0
-        rows = np.arange(count)
-        part_poses[:, edge.child], unary[:, edge.child] = tried[rows, pick], score[rows, pick]
-        moving = edge.multiplier != 0
-        joints[:, edge.coordinates[moving]] = ((axes[rows, pick] - edge.offset) / np.where(moving, edge.multiplier, 1))[
-            :, moving
-        ]
-    return Hypotheses(roots, joints, source, ancestor, unary, part_poses)
-
-
-def _coordinates_of(edges: tuple[Edge, ...]) -> set[int]:
-    return {int(c) for edge in edges for c in edge.coordinates}
-
-
-def _trials(rng: np.random.Generator, edge: Edge, settled: Array, radius: float, plan: Schedule) -> Array:
-    """Axis positions to try (P, draws, K), the present ones first."""
-    count, depth = settled.shape
-    lever = np.where(edge.revolute, radius, 1.0)
-    fresh = int(np.clip(np.ceil(((edge.upper - edge.lower) * lever).max() / (1.5 * plan.tolerance)), 4, 20))
-    spread = plan.diffusion_position / np.maximum(lever, 0.02)
-    around = settled[:, None] + spread * rng.standard_normal((count, NEAR, depth))
-    return np.concatenate(
-        [
-            settled[:, None],
-            within_limits(around, edge.lower, edge.upper, edge.wraps),
-            stratified_axes(rng, edge, (count,), fresh),
-        ],
-        axis=1,
-    )
-
-
-def _distinct(
-    problem: Problem, tried: Hypotheses, order: NDArray[np.int64], most: int, apart: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Greedy choice, in `order`, of hypotheses further than `apart` metres from each other: rows of the chosen, and for
-    each of `order` the place of the chosen one it belongs to (-1: none).
-
-    A part counts by what it explains: hidden parts that lie elsewhere do not make another hypothesis.
-    """
-    centres, radii = problem.mrf.centres, problem.mrf.radii
-    corners = np.stack([centres, *(centres + radii[:, None] * axis for axis in np.eye(3))], axis=1)
-    marks = poses.transform_points(tried.part_poses[order][:, :, None], corners)
-    evidence = np.maximum(tried.unary[order], 0.0) + 1e-6
-    member_of = np.full(len(order), -1)
-    leaders: list[int] = []
-    for row in range(len(order)):
-        if member_of[row] >= 0:
-            continue
-        if len(leaders) == most:
-            break
-        waiting = np.flatnonzero(member_of < 0)
-        squares = np.mean(np.sum((marks[waiting] - marks[row]) ** 2, axis=-1), axis=-1)
-        distance = np.sqrt(squares @ evidence[row] / evidence[row].sum())
-        member_of[waiting[distance < apart]] = len(leaders)
-        leaders.append(row)
-    return order[np.array(leaders, dtype=np.int64)], member_of
 
 
 def _belief(

@@ -10,7 +10,7 @@ import pytest
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference import global_search, initialisation, problem, run
+from pmpnbp.inference import hypotheses, initialisation, problem, run
 from pmpnbp.inference.belief import FLIP, OWN, SURFACE
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.metrics import add, model_points
@@ -38,14 +38,14 @@ def likes_x(node: Array, part_poses: Array) -> Array:
 
 
 def walked(model: ArticulatedObject, rng: np.random.Generator, unary: Callable[[Array, Array], Array]) -> tuple[
-    Problem, global_search.Hypotheses, Array
+    Problem, hypotheses.Hypotheses, Array
 ]:  # fmt: skip
     made = worlds.given_unary(model, unary, worlds.settings(), particles=20)
     count = 50
     roots = np.concatenate([rng.uniform(-1, 1, (count, 3)), poses.random_quaternions(rng, (count,))], axis=-1)
     joints = initialisation.random_joints(rng, made, count)
     origin = np.full(count, SURFACE, dtype=np.uint8), np.full(count, -1, dtype=np.int32)
-    return made, global_search.walk(rng, made, (roots, joints, *origin), schedule(made.settings, 1)), joints
+    return made, hypotheses.walk(rng, made, (roots, joints, *origin), schedule(made.settings, 1)), joints
 
 
 MODELS = {
@@ -88,7 +88,7 @@ def test_trials_cover_the_range_finely_enough_and_start_from_where_the_joint_is(
     edge = worlds.sliding_chain(2, half_range=0.2).edges[0]
     plan = schedule(worlds.settings(), 1)
     settled = rng.uniform(-0.2, 0.2, (30, 1))
-    axes = global_search._trials(rng, edge, settled, 0.1, plan)
+    axes = hypotheses._trials(rng, edge, settled, 0.1, plan)
     np.testing.assert_array_equal(axes[:, 0], settled)
     assert np.all((axes >= edge.lower) & (axes <= edge.upper))
     gaps = np.diff(np.sort(axes[..., 0], axis=1), axis=1, prepend=-0.2, append=0.2)
@@ -99,7 +99,7 @@ def test_hypotheses_that_are_kept_lie_apart(rng: np.random.Generator) -> None:
     made, tried, _ = walked(worlds.hinged_chain(3), rng, lambda node, pose: np.ones(len(pose)))
     tried = tried.joined(tried)  # each of them twice
     order = np.arange(100)
-    leaders, member_of = global_search._distinct(made, tried, order, 100, 0.05)
+    leaders, member_of = hypotheses.distinct(made, tried, order, 100, 0.05)
     assert len(leaders) <= 50 and np.all(leaders < 50)
     np.testing.assert_array_equal(member_of[:50], member_of[50:])
     chosen = tried.part_poses[leaders][:, :, :3]

@@ -1,0 +1,149 @@
+"""Whole objects as hypotheses: put together part by part along the joints, and told apart.
+
+A hypothesis is a root pose and a joint vector. `walk` gives the joints of many hypotheses the positions that explain
+the scan, from the root outwards; `distinct` leaves one of those that say the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.belief import OWN
+from pmpnbp.inference.joint_draws import within_limits
+from pmpnbp.inference.problem import Problem
+from pmpnbp.potentials.pairwise import stratified_axes
+from pmpnbp.scene.articulated_object import Edge
+from pmpnbp.settings import Schedule
+
+# Splats a part is judged by in the search; a hypothesis that is far off needs no more to be dropped.
+SEARCH_POINTS = 64
+# Positions near its own that a joint is tried at, and how often offspring try no others.
+NEAR = 3
+CAUTION = 0.5
+
+
+@dataclass(frozen=True)
+class Hypotheses:
+    """P whole objects: roots (P, 7), joints (P, D), where each came from and its ancestor (P,), parts' log unary (P, N)
+    and poses (P, N, 7)."""
+
+    roots: Array
+    joints: Array
+    source: NDArray[np.uint8]
+    ancestor: NDArray[np.int32]
+    unary: Array
+    part_poses: Array
+
+    def taken(self, rows: NDArray[np.int64]) -> Hypotheses:
+        """Those at `rows`."""
+        return Hypotheses(
+            self.roots[rows], self.joints[rows], self.source[rows], self.ancestor[rows], self.unary[rows],
+            self.part_poses[rows],
+        )  # fmt: skip
+
+    def joined(self, other: Hypotheses) -> Hypotheses:
+        """These and then the others."""
+        return Hypotheses(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)))
+
+
+def walk(
+    rng: np.random.Generator,
+    problem: Problem,
+    proposals: tuple[Array, Array, NDArray[np.uint8], NDArray[np.int32]],
+    plan: Schedule,
+    kept: slice = slice(0),
+) -> Hypotheses:
+    """From the root outwards, give each joint the position at which the part behind it explains the scan best.
+
+    Those in `kept` stay as they are, and offspring often stay near to their joints, so that what was found far out is
+    not lost with every step near the root.
+
+    Positions tried: the proposal's own, some near it, and stratified ones over the range, as many as bring the part
+    within the tolerance of any place it can reach. Half of the proposals choose with some chance, so that a part that
+    is taken in by a wrong surface is not so in all of them.
+    """
+    roots, joints, source, ancestor = proposals
+    offspring = (source == OWN) & (ancestor >= 0)
+    mrf, count = problem.mrf, len(roots)
+    joints = joints.copy()
+    part_poses = np.zeros((count, mrf.nodes, 7))
+    unary = np.zeros((count, mrf.nodes))
+    part_poses[:, 0] = roots
+    unary[:, 0] = problem.unary(np.zeros(count, dtype=np.int32), roots, plan.tolerance, "splats", SEARCH_POINTS)
+    for number in mrf.tree:
+        edge = mrf.model.edges[number]
+        settled = edge.axis_positions(joints)
+        fixed_already = all(c in _coordinates_of(mrf.model.edges[:number]) for c in edge.coordinates)
+        axes = settled[:, None] if fixed_already else _trials(rng, edge, settled, mrf.radii[edge.child], plan)
+        draws, depth = axes.shape[1:]
+        padded = np.zeros((1, count, draws, mrf.axes_per_edge))
+        padded[0, ..., :depth] = axes
+        to_child = np.array([2 * number + 1], dtype=np.int32)
+        tried = mrf.across(to_child, part_poses[None, :, edge.parent], padded)[0]
+        node = np.full(count * draws, edge.child, dtype=np.int32)
+        score = problem.unary(node, tried.reshape(-1, 7), plan.tolerance, "splats", SEARCH_POINTS).reshape(count, draws)
+        noise = rng.gumbel(size=score.shape) * (0.1 * np.abs(score).max(axis=1, keepdims=True) + 1e-9)
+        noise[::2] = 0.0
+        score[offspring & (rng.random(count) < CAUTION), 1 + NEAR :] = -np.inf
+        pick = (score + noise).argmax(axis=1)
+        pick[kept] = 0
+        rows = np.arange(count)
+        part_poses[:, edge.child], unary[:, edge.child] = tried[rows, pick], score[rows, pick]
+        moving = edge.multiplier != 0
+        joints[:, edge.coordinates[moving]] = ((axes[rows, pick] - edge.offset) / np.where(moving, edge.multiplier, 1))[
+            :, moving
+        ]
+    return Hypotheses(roots, joints, source, ancestor, unary, part_poses)
+
+
+def _coordinates_of(edges: tuple[Edge, ...]) -> set[int]:
+    return {int(c) for edge in edges for c in edge.coordinates}
+
+
+def _trials(rng: np.random.Generator, edge: Edge, settled: Array, radius: float, plan: Schedule) -> Array:
+    """Axis positions to try (P, draws, K), the present ones first."""
+    count, depth = settled.shape
+    lever = np.where(edge.revolute, radius, 1.0)
+    fresh = int(np.clip(np.ceil(((edge.upper - edge.lower) * lever).max() / (1.5 * plan.tolerance)), 4, 20))
+    spread = plan.diffusion_position / np.maximum(lever, 0.02)
+    around = settled[:, None] + spread * rng.standard_normal((count, NEAR, depth))
+    return np.concatenate(
+        [
+            settled[:, None],
+            within_limits(around, edge.lower, edge.upper, edge.wraps),
+            stratified_axes(rng, edge, (count,), fresh),
+        ],
+        axis=1,
+    )
+
+
+def distinct(
+    problem: Problem, tried: Hypotheses, order: NDArray[np.int64], most: int, apart: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Greedy choice, in `order`, of hypotheses further than `apart` metres from each other: rows of the chosen, and for
+    each of `order` the place of the chosen one it belongs to (-1: none).
+
+    A part counts by what it explains: hidden parts that lie elsewhere do not make another hypothesis.
+    """
+    centres, radii = problem.mrf.centres, problem.mrf.radii
+    corners = np.stack([centres, *(centres + radii[:, None] * axis for axis in np.eye(3))], axis=1)
+    marks = poses.transform_points(tried.part_poses[order][:, :, None], corners)
+    evidence = np.maximum(tried.unary[order], 0.0) + 1e-6
+    member_of = np.full(len(order), -1)
+    leaders: list[int] = []
+    for row in range(len(order)):
+        if member_of[row] >= 0:
+            continue
+        if len(leaders) == most:
+            break
+        waiting = np.flatnonzero(member_of < 0)
+        squares = np.mean(np.sum((marks[waiting] - marks[row]) ** 2, axis=-1), axis=-1)
+        distance = np.sqrt(squares @ evidence[row] / evidence[row].sum())
+        member_of[waiting[distance < apart]] = len(leaders)
+        leaders.append(row)
+    return order[np.array(leaders, dtype=np.int64)], member_of

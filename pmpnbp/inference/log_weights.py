@@ -31,7 +31,7 @@ def effective_sample_size(log_weights: Array) -> Array:
     return np.exp(-log_sum_exp(2.0 * log_weights))
 
 
-def tempering(log_potential: Array, share: float, steps: int = 24) -> Array:
+def tempering(log_potential: Array, share: float, steps: int = 16) -> Array:
     """The factor λ ≤ 1 (...,) for which weights exp(λ log_potential) (..., T) keep an effective sample size of
     `share` of T: 1 where they keep it as they are, found by bisection in log λ otherwise."""
     finite = np.where(np.isfinite(log_potential), log_potential, -1e30)

@@ -15,7 +15,7 @@ from pmpnbp.inference.belief import Belief, State
 from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
-from pmpnbp.potentials.joint_projection import project
+from pmpnbp.potentials.joint_projection import closest_axes
 from pmpnbp.potentials.unary import object_scores
 from pmpnbp.settings import Schedule
 
@@ -100,7 +100,7 @@ def assemble(mrf: Mrf, part_poses: Array, anchor: int) -> tuple[Array, Array]:
             parent, child = placed[here], part_poses[:, there]
             if not outward:
                 parent, child = child, parent
-            axes, _, _ = project(edge, poses.multiply(poses.inverse(parent), child))
+            axes = closest_axes(edge, poses.multiply(poses.inverse(parent), child))
             relative = edge.pose_parent_child(axes)
             placed[there] = poses.multiply(placed[here], relative if outward else poses.inverse(relative))
             moving = edge.multiplier != 0

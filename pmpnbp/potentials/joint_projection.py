@@ -68,18 +68,24 @@ def project(
 ) -> tuple[Array, Array, Array]:
     """The closest configuration of the joint to poses (..., 7) of the child in the parent.
 
-    Returns axis positions (..., K) within the limits, and the residual of `residual` there: translation (..., 3),
-    metres, and rotation vector (..., 3), radians. One axis: the slide that leaves the least translation; the turn
-    that leaves the least rotation, of the equal ones (whole turns apart) that nearest to the middle of the range; the
-    nearer limit where the range ends before. Several axes: the least of |translation|² + (length_per_radian *
-    |rotation|)² that was found, in metres².
+    Returns axis positions (..., K) as `closest_axes` has them, and the residual of `residual` there: translation
+    (..., 3), metres, and rotation vector (..., 3), radians.
+    """
+    axes = closest_axes(edge, pose_parent_child, length_per_radian=length_per_radian)
+    return axes, *residual(edge, pose_parent_child, axes)
+
+
+def closest_axes(edge: Edge, pose_parent_child: Array, *, length_per_radian: float = LENGTH_PER_RADIAN) -> Array:
+    """Axis positions (..., K), within the limits, that bring the child closest to poses (..., 7) of it in the parent.
+
+    One axis: the slide that leaves the least translation; the turn that leaves the least rotation, of the equal ones
+    (whole turns apart) that nearest to the middle of the range; the nearer limit where the range ends before. Several
+    axes: the least of |translation|² + (length_per_radian * |rotation|)² that was found, in metres².
     """
     if len(edge.axes) == 1:
-        axes = _single(edge, pose_parent_child)
-    else:
-        flat = _chain(edge, pose_parent_child.reshape(-1, 7), length_per_radian)
-        axes = flat.reshape(*pose_parent_child.shape[:-1], len(edge.axes))
-    return axes, *residual(edge, pose_parent_child, axes)
+        return _single(edge, pose_parent_child)
+    flat = _chain(edge, pose_parent_child.reshape(-1, 7), length_per_radian)
+    return flat.reshape(*pose_parent_child.shape[:-1], len(edge.axes))
 
 
 def residual(edge: Edge, pose_parent_child: Array, axis_positions: Array) -> tuple[Array, Array]:

@@ -63,7 +63,7 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     total = tried.unary.sum(axis=1)
     if problem.prior_node >= 0 and settings.prior_factor:
         total = total + problem.log_prior(tried.part_poses[:, problem.prior_node])
-    # render twice as many as are kept: the sum over parts counts a pixel once for every part that claims it
+    # more are rendered whole than are kept: the sum over parts counts a pixel once for every part that claims it
     order = np.argsort(-total, kind="stable")[: 20 * settings.search_islands]
     leaders, member_of = distinct(problem, tried, order, 3 * settings.search_islands, 1.5 * plan.diffusion_position)
     whole = configuration_scores(problem, tried.roots[leaders], tried.joints[leaders], plan.tolerance)

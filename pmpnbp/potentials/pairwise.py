@@ -74,9 +74,9 @@ def stratified_axes(rng: np.random.Generator, edge: Edge, shape: tuple[int, ...]
     joint in a random order of their own (a Latin hypercube), so every single draw's marginal is uniform on a stratum
     and the `draws` together are uniform on the range.
     """
-    if len(edge.axes) == 1:
+    if len(edge.axes) == 1:  # nothing to gear, and the case that every iteration has for every message
         unit = (np.arange(draws) + rng.random((*shape, draws))) / draws
-        return (edge.lower + unit[..., None] * (edge.upper - edge.lower)).astype(np.float64)
+        return edge.lower + unit[..., None] * (edge.upper - edge.lower)
     free = len(gearing(edge).lower)
     strata = np.broadcast_to(np.arange(draws, dtype=np.float64)[:, None], (*shape, draws, free)).copy()
     if free > 1:

@@ -24,7 +24,7 @@ from pmpnbp.scene.articulated_object import ArticulatedObject, Mesh, Part
 from pmpnbp.scene.observation import NO_DEPTH, OBJECT, Observation, View
 
 # (rings, segments) of the sphere-like part with 2 * rings * segments triangles; the smallest is a box.
-SHAPES = {12: (0, 0), 96: (6, 8), 384: (12, 16), 1500: (25, 30), 6000: (50, 60)}
+SHAPES = {12: (0, 0), 96: (6, 8), 384: (12, 16), 500: (10, 25), 1500: (25, 30), 6000: (50, 60)}
 IMAGES = ((80, 60), (160, 120), (320, 240))
 EXTENTS = (0.36, 0.15, 0.30)
 FIELD_OF_VIEW = np.deg2rad(60.0)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pmpnbp.potentials.kernels.pixel_scores import LANES
 from pmpnbp.potentials.kernels.projection import pose_in_camera, project
-from pmpnbp.potentials.kernels.triangles import row_stride, scan_clipped, scan_triangle
+from pmpnbp.potentials.kernels.triangles import SINGLE, row_stride, scan_clipped, scan_triangle
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
@@ -28,7 +28,7 @@ def scratch(mesh: Any, width: int, height: int) -> Any:
     """Memory to draw into, for one thread: the vertices' u, v and w; chosen faces; each part's box; the z-buffer and
     each pixel's part."""
     vertices, faces, parts = mesh[0].shape[1], mesh[1].shape[1], len(mesh[3]) - 1
-    pixels = height * row_stride(width) + LANES
+    pixels = height * row_stride(width)
     return (
         np.empty(vertices, dtype=np.float32),
         np.empty(vertices, dtype=np.float32),
@@ -78,14 +78,14 @@ def _draw_projected(target: Any, box: Any, vertices: Any, faces: Any, one_sided:
     """Draw a part's triangles into a buffer whose first pixel is the first of `box`. vertices : us, vs, ws; faces :
     three arrays, as from `_rows`."""
     us, vs, ws = vertices
-    left, top = float(box[0]), float(box[2])
+    left, top = np.float32(box[0]), np.float32(box[2])
     for n in range(_choose_faces(faces, one_sided, box, us, vs, chosen)):
         f = np.uint32(chosen[n])
         i, j, k = np.uint32(faces[0][f]), np.uint32(faces[1][f]), np.uint32(faces[2][f])
-        a = (us[i] - left, vs[i] - top, float(ws[i]))
-        b = (us[j] - left, vs[j] - top, float(ws[j]))
-        c = (us[k] - left, vs[k] - top, float(ws[k]))
-        scan_triangle(target, a, b, c)
+        a = (us[i] - left, vs[i] - top, ws[i])
+        b = (us[j] - left, vs[j] - top, ws[j])
+        c = (us[k] - left, vs[k] - top, ws[k])
+        scan_triangle(target, a, b, c, SINGLE)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

@@ -13,8 +13,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from pmpnbp.potentials.kernels.pixel_scores import LANES
-from pmpnbp.potentials.kernels.triangles import scan_triangle
+from pmpnbp.potentials.kernels.triangles import SINGLE, scan_triangle
 
 # Side of the drawn grid, a power of two; doubled up to FINEST while fewer than ENOUGH pixels are drawn.
 COARSEST, FINEST, ENOUGH = 64, 512, 2000
@@ -74,17 +73,18 @@ def _sample(vertices: Any, faces: Any, cell: int, size: int, order: Any, jitter:
     side, drawn = COARSEST, 0
     while True:
         pixel_u, pixel_v = extent_u / side, extent_v / side
-        flat = np.zeros(side * side + LANES, dtype=np.float32)
-        buffer = flat[: side * side].reshape(side, side)
+        flat = np.zeros(side * side, dtype=np.float32)
+        buffer = flat.reshape(side, side)
         target = (flat, None, 0, side, side, side)
+        columns = ((us - least_u) / pixel_u - 0.5).astype(np.float32)
+        rows = ((vs - least_v) / pixel_v - 0.5).astype(np.float32)
+        heights = (nearest - ws).astype(np.float32)
         for f in range(faces.shape[1]):
             i, j, k = faces[0, f], faces[1, f], faces[2, f]
-            scan_triangle(
-                target,
-                ((us[i] - least_u) / pixel_u - 0.5, (vs[i] - least_v) / pixel_v - 0.5, nearest - ws[i]),
-                ((us[j] - least_u) / pixel_u - 0.5, (vs[j] - least_v) / pixel_v - 0.5, nearest - ws[j]),
-                ((us[k] - least_u) / pixel_u - 0.5, (vs[k] - least_v) / pixel_v - 0.5, nearest - ws[k]),
-            )
+            a = (columns[i], rows[i], heights[i])
+            b = (columns[j], rows[j], heights[j])
+            c = (columns[k], rows[k], heights[k])
+            scan_triangle(target, a, b, c, SINGLE)
         drawn = 0
         for row in range(side):
             for column in range(side):

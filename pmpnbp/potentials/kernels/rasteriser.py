@@ -66,9 +66,11 @@ def _choose_faces(faces: Any, one_sided: Any, box: Any, us: Any, vs: Any, chosen
             no_row = np.ceil(max(min(v0, min(v1, v2)), top)) > np.floor(min(max(v0, max(v1, v2)), bottom))
             out = np.int32(no_column) | np.int32(no_row) | (np.int32(behind) & closed[f])
             bits |= np.int32((np.int32(1) - out) << np.int32(f))
-        for f in range(min(32, faces_left)):
-            chosen[count] = block + f
-            count += (bits >> f) & 1
+        here, rest = np.int32(block), np.uint32(bits)
+        for _ in range(min(32, faces_left)):
+            chosen[np.uint64(count)] = here
+            count += np.int64(rest & np.uint32(1))
+            here, rest = np.int32(here + np.int32(1)), np.uint32(rest >> np.uint32(1))
         faces_left -= 32
     return count
 

@@ -22,6 +22,7 @@ from pmpnbp.inference import log_weights as lw
 from pmpnbp.inference.belief import FLIP, OWN, START, SURFACE, Belief, IterationReport, State
 from pmpnbp.inference.hypotheses import Hypotheses, distinct, walk
 from pmpnbp.inference.initialisation import matched_roots, prior_roots, random_joints
+from pmpnbp.inference.joint_sweep import sweep
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores, polish
 from pmpnbp.scene.prior import UniformPrior
@@ -33,6 +34,8 @@ Kind = TypeVar("Kind", bound=np.generic)
 FLIP_PLACES = 50
 # The last comparison is made at this many times the tolerance that annealing ends at.
 FINAL_TOLERANCE = 2.0
+# Joints of the winner that may be put elsewhere after that.
+SWEEPS = 3
 
 
 @dataclass(frozen=True)
@@ -115,9 +118,13 @@ def _settled(
         finalists = finalists.joined(flips.taken(best))
     finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, effort.rounds)
     order = np.argsort(-score, kind="stable")
-    rivals, _ = distinct(problem, finalists, order, effort.rivals, plan.diffusion_position)
+    chosen, _ = distinct(problem, finalists, order, effort.rivals, plan.diffusion_position)
     tight = FINAL_TOLERANCE * problem.settings.tolerance_end
-    return _polished(rng, problem, finalists.taken(rivals), plan, tight, effort.last_rounds)
+    rivals, score = _polished(rng, problem, finalists.taken(chosen), plan, tight, effort.last_rounds)
+    best = int(score.argmax())
+    roots, joints, score = rivals.roots.copy(), rivals.joints.copy(), score.copy()
+    roots[best], joints[best], score[best] = sweep(rng, problem, roots[best], joints[best], plan, tight, SWEEPS)
+    return replace(rivals, roots=roots, joints=joints, part_poses=problem.mrf.model.part_poses(roots, joints)), score
 
 
 def _polished(

@@ -15,12 +15,15 @@ from pmpnbp.inference.belief import Belief, State
 from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.registration import register
 from pmpnbp.potentials.joint_projection import closest_axes
 from pmpnbp.potentials.unary import object_scores
 from pmpnbp.settings import Schedule
 
 # Small variations of the best configuration that are tried in one iteration, in two rounds.
 VARIATIONS = 24
+# Draws about the step of articulated registration, and about the present place, in each round.
+REGISTRATIONS = 8
 # Parts that are taken at their word in one iteration, drawn anew each time.
 ANCHORS = 4
 # Standard deviation in metres of the longest steps of a part along its joint.
@@ -65,7 +68,9 @@ def polish(
     top = int(score.argmax())
     root, q, best = roots[top], joints[top], float(score[top])
     for _ in range(rounds):
-        roots, joints = vary(rng, problem, root, q, VARIATIONS, plan)
+        varied = vary(rng, problem, root, q, VARIATIONS, plan)
+        registered = register(rng, problem, root, q, REGISTRATIONS, plan, tolerance)
+        roots, joints = (np.concatenate(pair) for pair in zip(varied, registered, strict=True))
         score = configuration_scores(problem, roots, joints, tolerance)
         top = int(score.argmax())
         if score[top] > best:

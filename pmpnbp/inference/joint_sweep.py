@@ -1,0 +1,72 @@
+"""Is a joint in the wrong place though all the others are right? One joint at a time, over its whole range.
+
+A wrist found turned by half, or a head that looks up instead of down, is a place from which no small move leads out,
+and the search, which puts whole objects together from the root, seldom draws again only that joint. Here each joint
+in turn is put to positions all over its range, once with everything behind it carried along and once with it left as
+near to its place as the joints allow; the best position of each joint is polished before it is compared, as a joint
+in its right place is worth little until its neighbours have followed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.tree_estimate import assemble, configuration_scores, polish
+from pmpnbp.settings import Schedule
+
+# Positions over a joint's range, and the least share of the range that makes another position of it.
+POSITIONS = 12
+APART = 0.1
+# Rounds of polishing for the best other position of every joint, and for the best joints after that.
+ROUNDS, LAST_ROUNDS = 3, 10
+FINALISTS = 3
+
+
+def sweep(
+    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, plan: Schedule, tolerance: float, most: int
+) -> tuple[Array, Array, float]:
+    """The configuration after at most `most` joints were put elsewhere, each for a better score: root pose (7,), joint
+    vector (D,) and score."""
+    score = float(configuration_scores(problem, root[None], joints[None], tolerance)[0])
+    for _ in range(most):
+        found = [
+            polish(rng, problem, root[None], q[None], plan, plan.tolerance, ROUNDS)
+            for q in _elsewhere(rng, problem, root, joints, plan)
+        ]
+        found.sort(key=lambda result: -result[2])
+        found = [polish(rng, problem, r[None], q[None], plan, tolerance, LAST_ROUNDS) for r, q, _ in found[:FINALISTS]]
+        best = max(found, key=lambda result: result[2], default=(root, joints, -np.inf))
+        if best[2] <= score:
+            break
+        root, joints, score = best
+    return root, joints, score
+
+
+def _elsewhere(rng: np.random.Generator, problem: Problem, root: Array, joints: Array, plan: Schedule) -> list[Array]:
+    """Joint vectors with one joint moved: of each the best position that is well away from its present one."""
+    model, mrf = problem.mrf.model, problem.mrf
+    part_poses = model.part_poses(root, joints)
+    found = []
+    for number in mrf.tree:
+        edge = model.edges[number]
+        for coordinate in edge.coordinates:
+            lower, upper = model.lower[coordinate], model.upper[coordinate]
+            span = upper - lower
+            if not span > 0:
+                continue
+            positions = lower + span * (np.arange(POSITIONS) + rng.random(POSITIONS)) / POSITIONS
+            gap = np.abs(positions - joints[coordinate])
+            if model.wraps[coordinate]:
+                gap = np.minimum(gap, span - gap)
+            positions = positions[gap > APART * span]
+            carried = np.tile(joints, (len(positions), 1))
+            carried[:, coordinate] = positions
+            moved = np.tile(part_poses, (len(positions), 1, 1))
+            moved[:, edge.child] = model.part_poses(np.tile(root, (len(positions), 1)), carried)[:, edge.child]
+            _, kept = assemble(mrf, moved, 0)
+            tried = np.concatenate([carried, kept])
+            roots = np.tile(root, (len(tried), 1))
+            found.append(tried[configuration_scores(problem, roots, tried, plan.tolerance).argmax()])
+    return found

@@ -22,6 +22,8 @@ APART = 0.1
 # Rounds of polishing for the best other position of every joint, and for the best joints after that.
 ROUNDS, LAST_ROUNDS = 3, 10
 FINALISTS = 3
+# What a joint elsewhere may lack to the present score, before and after its first polishing, and still be looked at.
+FARTHEST, NEAREST = 0.2, 0.05
 
 
 def sweep(
@@ -29,32 +31,35 @@ def sweep(
 ) -> tuple[Array, Array, float]:
     """The configuration after at most `most` joints were put elsewhere, each for a better score: root pose (7,), joint
     vector (D,) and score."""
-    score = float(configuration_scores(problem, root[None], joints[None], tolerance)[0])
     for _ in range(most):
+        here = float(configuration_scores(problem, root[None], joints[None], plan.tolerance)[0])
         found = [
             polish(rng, problem, root[None], q[None], plan, plan.tolerance, ROUNDS)
-            for q in _elsewhere(rng, problem, root, joints, plan)
+            for q, score in _elsewhere(rng, problem, root, joints, plan)
+            if score > here - FARTHEST * abs(here)
         ]
         found.sort(key=lambda result: -result[2])
-        found = [polish(rng, problem, r[None], q[None], plan, tolerance, LAST_ROUNDS) for r, q, _ in found[:FINALISTS]]
-        best = max(found, key=lambda result: result[2], default=(root, joints, -np.inf))
-        if best[2] <= score:
+        rivals = [(root, joints)] + [(r, q) for r, q, score in found[:FINALISTS] if score > here - NEAREST * abs(here)]
+        if len(rivals) == 1:
             break
-        root, joints, score = best
-    return root, joints, score
+        polished = [polish(rng, problem, r[None], q[None], plan, tolerance, LAST_ROUNDS) for r, q in rivals]
+        root, joints, _ = max(polished, key=lambda result: result[2])
+    return root, joints, float(configuration_scores(problem, root[None], joints[None], tolerance)[0])
 
 
-def _elsewhere(rng: np.random.Generator, problem: Problem, root: Array, joints: Array, plan: Schedule) -> list[Array]:
-    """Joint vectors with one joint moved: of each the best position that is well away from its present one."""
+def _elsewhere(
+    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, plan: Schedule
+) -> list[tuple[Array, float]]:
+    """Joint vectors with one joint moved, and their scores: of each the best position that is well away from its
+    present one."""
     model, mrf = problem.mrf.model, problem.mrf
     part_poses = model.part_poses(root, joints)
     found = []
     for number in mrf.tree:
         edge = model.edges[number]
         for coordinate in edge.coordinates:
-            lower, upper = model.lower[coordinate], model.upper[coordinate]
-            span = upper - lower
-            if not span > 0:
+            lower, span = model.lower[coordinate], model.upper[coordinate] - model.lower[coordinate]
+            if not 0 < span < np.inf:
                 continue
             positions = lower + span * (np.arange(POSITIONS) + rng.random(POSITIONS)) / POSITIONS
             gap = np.abs(positions - joints[coordinate])
@@ -68,5 +73,6 @@ def _elsewhere(rng: np.random.Generator, problem: Problem, root: Array, joints: 
             _, kept = assemble(mrf, moved, 0)
             tried = np.concatenate([carried, kept])
             roots = np.tile(root, (len(tried), 1))
-            found.append(tried[configuration_scores(problem, roots, tried, plan.tolerance).argmax()])
+            score = configuration_scores(problem, roots, tried, plan.tolerance)
+            found.append((tried[score.argmax()], float(score.max())))
     return found

@@ -1,9 +1,11 @@
-"""Which small move would lay the rendered surface onto the observed one? A Gauss-Newton step of articulated registration.
+"""Which small move would lay the rendered surface onto the observed one? One Gauss-Newton step of registration.
 
 Random variations find the way out of a wrong place, but need very many draws to come to rest in a right one when the
-object has many joints. Where the render already lies near the scan, the depth residuals and their derivatives point
-there: least squares over all pixels, in the root pose and all joint positions at once. The derivatives are differences
-of renders, so that whatever joints an object has, and what hides what, needs no formula of its own.
+object has many joints. Where the render lies near the scan, the depth residuals and their derivatives point there:
+least squares over all pixels, in the root pose and all joint positions at once. What the residuals do not hold is as
+free as before, so draws about the step, spread as the least squares leave them, explore just that.
+
+The derivatives are differences of renders: joints of any kind, and parts that hide each other, need no formula.
 """
 
 from __future__ import annotations
@@ -18,50 +20,60 @@ from pmpnbp.potentials.unary import render
 from pmpnbp.scene.observation import OBJECT, SUPPORT, View
 from pmpnbp.settings import Schedule
 
-# Metres that a part's middle, or its rim, is moved for a difference of renders.
+# Metres that a surface is moved for a difference of renders, at the rim of the largest part where it turns.
 PROBE = 0.0005
-# Differences in depth of more than this many probes are a surface coming into view, and no derivative.
+# A depth that changes by more than this many probes is another surface coming into view, and no derivative.
 STEEPEST = 8.0
-# A pixel takes part where its residual is within so many times the tolerance; one proposal for each.
-GATES = (1.0, 3.0)
-# Shares of the full step that are proposed.
-SHARES = (1.0, 0.5)
+# Pixels take part whose residual is within so many times the tolerance: near it, and to be drawn in from farther away.
+NEAR, FAR = 1.0, 3.0
+# Standard deviations of the draws, in those of the least squares.
+NARROWEST, WIDEST = 0.1, 3.0
 
 
-def register(rng: np.random.Generator, problem: Problem, root: Array, joints: Array, count: int, plan: Schedule, tolerance: float) -> tuple[Array, Array]:
-    """Proposals near a configuration, one for each gate and share: root poses (C, 7), joint vectors (C, D).
+def register(
+    rng: np.random.Generator,
+    problem: Problem,
+    root: Array,
+    joints: Array,
+    count: int,
+    plan: Schedule,
+    tolerance: float,
+) -> tuple[Array, Array]:
+    """Proposals near a configuration: root poses (4 + 2 count, 7), joint vectors (4 + 2 count, D).
 
-    A parameter that moves nothing visible stays where it is: the step is held back as by a gaussian prior about the
-    present place, as wide as the diffusion.
+    The first four are the whole and half steps with the pixels NEAR and FAR; then `count` draws about the whole step
+    with NEAR and `count` about the present place. A prior holds each parameter to where it is, as wide as the
+    diffusion, so that one which moves nothing visible does not run away.
     """
-    model, mrf = problem.mrf.model, problem.mrf
-    radius = max(float(mrf.radii.max()), 0.02)
-    probe = np.concatenate([np.full(3, PROBE), np.full(3, PROBE / radius), np.where(problem.joint_turns, PROBE / radius, PROBE)])
-    width = np.concatenate([
-        np.full(3, plan.diffusion_position), np.full(3, plan.diffusion_rotation),
-        np.where(problem.joint_turns, plan.diffusion_position / 0.3, plan.diffusion_position),
-    ])
-    moves = np.concatenate([np.zeros((1, len(probe))), np.diag(probe)])
-    part_poses = model.part_poses(*_moved(problem, root, joints, moves))
-    residuals, slopes, weights = [], [], []
-    for view in problem.observation.views:
-        residual, slope, weight = _linearised(problem, view, part_poses, probe)
-        residuals.append(residual)
-        slopes.append(slope)
-        weights.append(weight)
-    residual, slope, weight = np.concatenate(residuals), np.concatenate(slopes, axis=1), np.concatenate(weights)
+    parameters = _probes(problem), _widths(problem, plan)
+    lines = [_linearised(problem, view, root, joints, parameters[0]) for view in problem.observation.views]
+    residual, weight = (np.concatenate([line[k] for line in lines]) for k in (0, 2))
+    slope = np.concatenate([line[1] for line in lines], axis=1)
     steps = []
-    for gate in GATES:
+    for gate in (FAR, NEAR):
         used = weight * (np.abs(residual) < gate * tolerance) / tolerance**2
-        hessian = (slope * used) @ slope.T + np.diag(1.0 / width**2)
-        full = np.linalg.solve(hessian, slope @ (used * residual))
-        steps += [share * full for share in SHARES]
-        if gate == 1.0:
-            spread = np.linalg.cholesky(np.linalg.inv(hessian))
-            scale = np.exp(rng.uniform(np.log(0.1), np.log(3.0), (count, 1)))
-            steps += list(scale * rng.standard_normal((count, len(probe))) @ spread.T)
-            steps += list(full + scale * rng.standard_normal((count, len(probe))) @ spread.T)
-    return _moved(problem, root, joints, np.stack(steps))
+        information = (slope * used) @ slope.T + np.diag(1.0 / parameters[1] ** 2)
+        step = np.linalg.solve(information, slope @ (used * residual))
+        steps += [step, 0.5 * step]
+    spread = np.linalg.cholesky(np.linalg.inv(information))
+    scale = np.exp(rng.uniform(np.log(NARROWEST), np.log(WIDEST), (2 * count, 1)))
+    draws = scale * rng.standard_normal((2 * count, len(step))) @ spread.T
+    draws[:count] += step
+    return _moved(problem, root, joints, np.concatenate([steps, draws]))
+
+
+def _probes(problem: Problem) -> Array:
+    """(6 + D,) what each parameter is moved by for a derivative."""
+    turn = PROBE / max(float(problem.mrf.radii.max()), 0.02)
+    return np.concatenate([np.full(3, PROBE), np.full(3, turn), np.where(problem.joint_turns, turn, PROBE)])
+
+
+def _widths(problem: Problem, plan: Schedule) -> Array:
+    """(6 + D,) how far each parameter may stray where the scan does not hold it."""
+    position, rotation = max(plan.diffusion_position, PROBE), max(plan.diffusion_rotation, PROBE)
+    return np.concatenate(
+        [np.full(3, position), np.full(3, rotation), np.where(problem.joint_turns, position / 0.3, position)]
+    )
 
 
 def _moved(problem: Problem, root: Array, joints: Array, moves: Array) -> tuple[Array, Array]:
@@ -71,19 +83,26 @@ def _moved(problem: Problem, root: Array, joints: Array, moves: Array) -> tuple[
     return roots, within_limits(joints + moves[:, 6:], model.lower, model.upper, model.wraps)
 
 
-def _linearised(problem: Problem, view: View, part_poses: Array, probe: Array) -> tuple[Array, Array, Array]:
-    """Residual depths (P,), metres, their slopes (6 + D, P) by parameter and weights (P,) of the pixels in which a
-    part is compared with the scan. part_poses : (1 + 6 + D, N, 7), the first unmoved"""
+def _linearised(problem: Problem, view: View, root: Array, joints: Array, probes: Array) -> tuple[Array, Array, Array]:
+    """Of the pixels in which the object is compared with the scan: residual depths (P,), metres, their slopes
+    (6 + D, P) by parameter, and weights (P,), the most that a pixel's score can be.
+
+    A joint at its limit cannot be moved across it and is probed the other way.
+    """
+    model = problem.mrf.model
+    blocked = ~model.wraps & (joints + probes[6:] > model.upper)
+    signed = probes * np.concatenate([np.ones(6), np.where(blocked, -1.0, 1.0)])
+    moves = np.concatenate([np.zeros((1, len(signed))), np.diag(signed)])
+    part_poses = model.part_poses(*_moved(problem, root, joints, moves))
     reward = np.zeros(view.depth.shape)
     reward[view.category == OBJECT] = 1.0
     reward[view.category == SUPPORT] = problem.settings.support_reward
     depth, number = render(view.camera, problem.surfaces, part_poses[0])
     pixels = np.nonzero((number >= 0) & (reward > 0))
     here, part = depth[pixels].astype(np.float64), number[pixels]
-    slopes = np.zeros((len(probe), len(here)))
-    for k in range(len(probe)):
+    slopes = np.zeros((len(signed), len(here)))
+    for k, probe in enumerate(signed):
         moved, owner = render(view.camera, problem.surfaces, part_poses[1 + k])
-        slope = (moved[pixels] - here) / probe[k]
-        same = (owner[pixels] == part) & (np.abs(moved[pixels] - here) < STEEPEST * PROBE)
-        slopes[k] = np.where(same, slope, 0.0)
+        change = moved[pixels] - here
+        slopes[k] = np.where((owner[pixels] == part) & (np.abs(change) < STEEPEST * PROBE), change / probe, 0.0)
     return view.depth[pixels] - here, slopes, reward[pixels]

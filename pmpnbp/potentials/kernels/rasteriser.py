@@ -52,7 +52,8 @@ def _choose_faces(faces: Any, one_sided: Any, box: Any, us: Any, vs: Any, chosen
     """List in `chosen` the faces that may cover a pixel of the box, and return how many. Most of a fine mesh's faces
     fall between pixel centres or turn away; all are asked at once, in vectors, before any is drawn."""
     left, right, top, bottom = np.float32(box[0]), np.float32(box[1]), np.float32(box[2]), np.float32(box[3])
-    count, faces_left = 0, len(faces[0])
+    count: Any = 0
+    faces_left = len(faces[0])
     for block in range(0, len(faces[0]), 32):
         first, second, third, closed = faces[0][block:], faces[1][block:], faces[2][block:], one_sided[block:]
         # one bit for each of 32 faces: a sum of bits becomes vectors, while a store might alias what is read

@@ -1,0 +1,59 @@
+"""The sweep of single joints: a joint in a wrong place is found again, and nothing is lost by looking."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pmpnbp.inference import problem as problems
+from pmpnbp.inference.joint_sweep import sweep
+from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.tree_estimate import configuration_scores, polish
+from pmpnbp.scene.prior import UniformPrior
+from pmpnbp.settings import Schedule, schedule
+from tests.inference import small_worlds as worlds
+
+TOLERANCE = 0.024
+
+
+@pytest.fixture(scope="module")
+def chain() -> tuple[Problem, np.ndarray, np.ndarray]:
+    """A hinged chain of four, seen folded, and its true configuration."""
+    model = worlds.hinged_chain(4)
+    root, joints = worlds.at(1.3, z=0.4), np.array([0.6, -0.9, 0.7])
+    observation = worlds.seen(model, root, joints)
+    built = problems.build(model, observation, UniformPrior("upright"), worlds.settings(), particles=40)
+    return built, root, joints
+
+
+def search_end(problem: Problem) -> Schedule:
+    return schedule(problem.settings, problem.search_iterations, problem.search_iterations)
+
+
+@pytest.mark.parametrize("joint", [0, 1, 2])
+def test_a_joint_in_a_wrong_place_is_found(chain: tuple[Problem, np.ndarray, np.ndarray], joint: int) -> None:
+    """Where small moves alone do not find it."""
+    problem, root, truth = chain
+    plan = search_end(problem)
+    wrong = truth.copy()
+    wrong[joint] = -truth[joint]
+    local = polish(np.random.default_rng(0), problem, root[None], wrong[None], plan, TOLERANCE, 10)
+    _, found, score = sweep(np.random.default_rng(0), problem, root, wrong, plan, TOLERANCE, 3)
+    np.testing.assert_allclose(found, truth, atol=0.06)
+    assert score > local[2]
+
+
+def test_the_truth_stays(chain: tuple[Problem, np.ndarray, np.ndarray]) -> None:
+    problem, root, truth = chain
+    before = configuration_scores(problem, root[None], truth[None], TOLERANCE)[0]
+    _, found, score = sweep(np.random.default_rng(0), problem, root, truth, search_end(problem), TOLERANCE, 3)
+    assert score >= before
+    np.testing.assert_allclose(found, truth, atol=0.06)
+
+
+def test_no_joint_may_move_when_none_is_asked_for(chain: tuple[Problem, np.ndarray, np.ndarray]) -> None:
+    problem, root, truth = chain
+    same, joints, score = sweep(np.random.default_rng(0), problem, root, truth, search_end(problem), TOLERANCE, 0)
+    np.testing.assert_array_equal(same, root)
+    np.testing.assert_array_equal(joints, truth)
+    assert score == configuration_scores(problem, root[None], truth[None], TOLERANCE)[0]

@@ -12,8 +12,8 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import START, Belief, State
 from pmpnbp.inference.problem import Problem
-from pmpnbp.scene.articulated_object import Mesh
 from pmpnbp.scene.prior import UniformPrior
+from pmpnbp.scene.surface_points import area, drawn_points
 
 
 def start(rng: np.random.Generator, problem: Problem) -> State:
@@ -93,7 +93,7 @@ def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> 
     assert isinstance(prior, UniformPrior)
     count = len(joints)
     part_poses = problem.mrf.model.part_poses(poses.IDENTITY, joints)
-    areas = np.array([_area(part.inference_mesh) for part in problem.mrf.model.parts])
+    areas = np.array([area(part.inference_mesh) for part in problem.mrf.model.parts])
     points, normals = np.empty((count, 3)), np.empty((count, 3))
     seen = np.empty(count, dtype=np.int64)
     upright_world = upright(observation.up)
@@ -103,7 +103,7 @@ def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> 
         node = rng.choice(len(areas), size=len(waiting), p=areas / areas.sum())
         for part in np.unique(node):
             rows = waiting[node == part]
-            surface, normal = _surface_points(rng, problem.mrf.model.parts[part].inference_mesh, len(rows))
+            surface, normal = drawn_points(rng, problem.mrf.model.parts[part].inference_mesh, len(rows))
             points[rows] = poses.transform_points(part_poses[rows, part], surface)
             normals[rows] = poses.rotate(part_poses[rows, part, 3:], normal)
         seen[waiting] = rng.integers(len(observation.points), size=len(waiting))
@@ -134,23 +134,3 @@ def _between(a: Array, b: Array) -> Array:
         [np.where(opposite, 0.0, w)[:, None], np.where(opposite[:, None], aside, np.cross(a, b))], axis=1
     )
     return q / np.linalg.norm(q, axis=1, keepdims=True)
-
-
-def _crosses(mesh: Mesh) -> Array:
-    corners = mesh.vertices[mesh.faces]
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-
-
-def _area(mesh: Mesh) -> float:
-    return float(np.linalg.norm(_crosses(mesh), axis=1).sum() / 2) if len(mesh.faces) else 0.0
-
-
-def _surface_points(rng: np.random.Generator, mesh: Mesh, count: int) -> tuple[Array, Array]:
-    """Points and outward normals (count, 3), uniform over the surface."""
-    cross = _crosses(mesh)
-    length = np.linalg.norm(cross, axis=1)
-    face = rng.choice(len(length), size=count, p=length / length.sum())
-    u, v = rng.random((2, count, 1))
-    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-    a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face]], 1, 0)
-    return a + u * (b - a) + v * (c - a), cross[face] / length[face, None]

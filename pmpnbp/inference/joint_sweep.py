@@ -19,9 +19,9 @@ from pmpnbp.settings import Schedule
 # Positions over a joint's range, and the least share of the range that makes another position of it.
 POSITIONS = 12
 APART = 0.1
-# Rounds of polishing for the best other position of every joint, and for the best joints after that.
+# Joints whose best other position is polished, those of them that are polished on, and for how many rounds each.
+CANDIDATES, FINALISTS = 16, 3
 ROUNDS, LAST_ROUNDS = 3, 10
-FINALISTS = 3
 # What a joint elsewhere may lack to the present score, before and after its first polishing, and still be looked at.
 FARTHEST, NEAREST = 0.2, 0.05
 
@@ -33,9 +33,10 @@ def sweep(
     vector (D,) and score."""
     for _ in range(most):
         here = float(configuration_scores(problem, root[None], joints[None], plan.tolerance)[0])
+        elsewhere = sorted(_elsewhere(rng, problem, root, joints, plan), key=lambda moved: -moved[1])[:CANDIDATES]
         found = [
             polish(rng, problem, root[None], q[None], plan, plan.tolerance, ROUNDS)
-            for q, score in _elsewhere(rng, problem, root, joints, plan)
+            for q, score in elsewhere
             if score > here - FARTHEST * abs(here)
         ]
         found.sort(key=lambda result: -result[2])

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.scene.articulated_object import Mesh
+from pmpnbp.scene.surface_points import even_points
 
 # Points of a part's surface that the metrics average over.
 MODEL_POINTS = 1000
@@ -15,15 +16,7 @@ MODEL_POINTS = 1000
 
 def model_points(mesh: Mesh, count: int = MODEL_POINTS) -> Array:
     """Points (count, 3) spread evenly over a mesh's surface, the set M of eq. 12; the same for the same mesh."""
-    corners = mesh.vertices[mesh.faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    rng = np.random.default_rng(0)
-    along = (np.arange(count) + rng.random(count)) / count * area.sum()
-    face = np.minimum(np.searchsorted(np.cumsum(area), along), len(area) - 1)
-    u, v = rng.random((2, count, 1))
-    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-    a, b, c = np.moveaxis(corners[face], 1, 0)
-    return a + u * (b - a) + v * (c - a)
+    return even_points(mesh, count)
 
 
 def add(points: Array, estimate: Array, truth: Array) -> float:

@@ -13,9 +13,9 @@ import numpy as np
 import open3d
 from numpy.typing import NDArray
 
-from pmpnbp.geometry.poses import Array
 from pmpnbp.scene.articulated_object import Mesh
 from pmpnbp.scene.meshes import joined, welded
+from pmpnbp.scene.surface_points import even_points
 
 SAMPLES = 4000
 VIEW_DIRECTIONS = 64
@@ -91,26 +91,10 @@ def deviation(a: Mesh, b: Mesh) -> float:
     return max(_furthest(a, b), _furthest(b, a))
 
 
-def surface_points(mesh: Mesh, count: int) -> Array:
-    """(count, 3) points spread evenly over the surface by area, the same ones each time.
-
-    Equal steps through the running sum of areas choose the triangles, an additive recurrence (the plastic number's,
-    Roberts 2018) the place in each.
-    """
-    corners = mesh.vertices[mesh.faces]
-    edges = corners[:, 1:] - corners[:, :1]
-    area = np.cumsum(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=-1))
-    steps = np.arange(count) + 0.5
-    chosen = np.minimum(np.searchsorted(area, steps / count * area[-1]), len(corners) - 1)
-    uv = (steps[:, None] * np.array([0.7548776662466927, 0.5698402909980532])) % 1.0
-    uv = np.where(uv.sum(axis=1, keepdims=True) > 1.0, 1.0 - uv, uv)
-    return corners[chosen, 0] + np.einsum("nk,nkd->nd", uv, edges[chosen])
-
-
 def _furthest(source: Mesh, target: Mesh) -> float:
     # Corners first: between flat faces they are where the distance is largest.
     stride = -(-len(source.vertices) // SAMPLES)
-    points = np.concatenate([source.vertices[::stride], surface_points(source, SAMPLES)])
+    points = np.concatenate([source.vertices[::stride], even_points(source, SAMPLES)])
     return float(_ray_caster(target).compute_distance(points.astype(np.float32)).numpy().max())
 
 

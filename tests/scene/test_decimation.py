@@ -8,7 +8,7 @@ import trimesh
 
 from pmpnbp.geometry import poses
 from pmpnbp.scene.articulated_object import Mesh
-from pmpnbp.scene.decimation import decimate, deviation, reduced, seen_from_outside, surface_points
+from pmpnbp.scene.decimation import decimate, deviation, reduced, seen_from_outside
 from pmpnbp.scene.meshes import EMPTY, box, joined, sphere, transformed, welded
 
 
@@ -73,19 +73,6 @@ def test_the_deviation_is_measured_both_ways_and_is_the_distance_between_known_s
         assert deviation(a, b) == pytest.approx(1.55, abs=1e-6)
     assert deviation(unit, unit) == pytest.approx(0, abs=1e-6)
     assert deviation(unit, EMPTY) == 0
-
-
-def test_surface_points_lie_on_the_surface_in_proportion_to_area() -> None:
-    points = surface_points(box([1, 2, 4]), 2800)
-    half = np.array([0.5, 1, 2])
-    on_face = np.isclose(np.abs(points), half)
-    assert np.all(np.abs(points) <= half + 1e-12)
-    assert np.all(on_face.any(axis=1))
-    # faces across x, y, z have 8, 4, 2 of every 14 units of area on their two sides
-    np.testing.assert_allclose(on_face.sum(axis=0), [1600, 800, 400], atol=30)
-    for axis in range(3):  # and evenly so within each
-        inside = points[on_face[:, axis]]
-        np.testing.assert_allclose(inside.mean(axis=0), 0, atol=0.05 * 4)
 
 
 def test_what_is_shut_in_is_left_out_and_nothing_else() -> None:

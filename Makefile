@@ -5,13 +5,19 @@ PYTHON ?=
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# What serves needs less than what is tested: no test extra
+SERVE_STAMP := $(VENV)/.installed-to-serve
 
 # pip's own advice about newer versions of itself, and its prompts, are noise in a log
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
-.PHONY: test install lint format types benchmark clean system-packages
+.PHONY: serve test install lint format types benchmark clean system-packages
 .DEFAULT_GOAL := test
+
+## serve: the server at http://127.0.0.1:8080/ with the sample session open; `make serve SERVE_ARGS="--port 8081"`
+serve: $(SERVE_STAMP)
+	$(BIN)/pmpnbp serve --demo $(SERVE_ARGS)
 
 ## test: format and lint check, type check, tests, in that order
 test: lint types
@@ -43,11 +49,20 @@ clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
+# $(call install,WHAT,GB): into the virtual environment, which is made where it is not
+define install
+@$(BIN)/python -m pip --version >/dev/null 2>&1 || sh .ci/make_venv $(VENV) $(PYTHON)
+@echo "Installing the packages of constraints.txt into $(VENV) ($(2) GB on disk, some minutes the first time)"
+@$(BIN)/python -m pip install -qq --progress-bar off --editable '$(1)' --constraint constraints.txt \
+  || { echo "The packages could not be installed into $(VENV); pip's own words are above." >&2; exit 1; }
+endef
+
 $(STAMP): pyproject.toml constraints.txt | system-packages
-	@$(BIN)/python -m pip --version >/dev/null 2>&1 || sh .ci/make_venv $(VENV) $(PYTHON)
-	@echo "Installing the packages of constraints.txt into $(VENV) (1.4 GB on disk, some minutes the first time)"
-	@$(BIN)/python -m pip install -qq --progress-bar off --editable '.[test]' --constraint constraints.txt \
-	  || { echo "The packages could not be installed into $(VENV); pip's own words are above." >&2; exit 1; }
+	$(call install,.[test],1.4)
+	@touch $@ $(SERVE_STAMP)
+
+$(SERVE_STAMP): pyproject.toml constraints.txt | system-packages
+	$(call install,.,1.3)
 	@touch $@
 
 system-packages:

@@ -10,9 +10,11 @@ import argparse
 import math
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
+from app.server_config import ServerConfig, convert, environment_name
 from pmpnbp.errors import PmpnbpError
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
@@ -82,6 +84,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action=_Version, help="print the version and exit")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_estimate(commands)
+    _add_serve(commands)
     _add_settings(commands)
     _add_benchmark(commands)
     return parser
@@ -145,6 +148,28 @@ def _add_estimate(commands: argparse._SubParsersAction[_Parser]) -> None:
     command.set_defaults(run=_estimate)
 
 
+def _add_serve(commands: argparse._SubParsersAction[_Parser]) -> None:
+    command = commands.add_parser(
+        "serve",
+        help="start the server: page, REST and 3D view on one port",
+        description="Start the server: page, REST and 3D view on one port. It prints the link to its page and serves "
+        "until SIGTERM or Ctrl-C; sessions are kept. Every option can also be set in the environment, as the name in "
+        "brackets; the option goes first.",
+    )
+    for entry in fields(ServerConfig):
+        about = entry.metadata
+        unit = f"{about['unit']} " if about["unit"] and not about["help"].startswith("requests") else ""
+        default = "" if about["default"] is None or entry.name == "demo" else f"; default: {about['default']}"
+        option = f"--{entry.name.replace('_', '-')}"
+        text = f"{unit}{about['help']}{default} [{environment_name(entry.name)}]"
+        if entry.name == "demo":
+            command.add_argument(option, action=argparse.BooleanOptionalAction, help=text)
+        else:
+            metavar = {"data_dir": "DIR", "host": "ADDRESS", "token": "TOKEN"}.get(entry.name, "N")
+            command.add_argument(option, type=_server_value(entry.name), metavar=metavar, help=text)
+    command.set_defaults(run=_serve)
+
+
 def _add_settings(commands: argparse._SubParsersAction[_Parser]) -> None:
     command = commands.add_parser("settings", help="list every setting that --config takes")
     command.set_defaults(run=_settings)
@@ -158,6 +183,12 @@ def _add_benchmark(commands: argparse._SubParsersAction[_Parser]) -> None:
 
 def _estimate(arguments: argparse.Namespace) -> int:
     from app.estimate_command import run
+
+    return run(arguments)
+
+
+def _serve(arguments: argparse.Namespace) -> int:
+    from app.serve_command import run
 
     return run(arguments)
 
@@ -194,6 +225,16 @@ def _whole(low: int, high: int) -> Callable[[str], int]:
         if not low <= number <= high:
             raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {low} to {high}")
         return number
+
+    return parse
+
+
+def _server_value(name: str) -> Callable[[str], Any]:
+    def parse(text: str) -> Any:
+        try:
+            return convert(name, text, "it")
+        except PmpnbpError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
 
     return parse
 

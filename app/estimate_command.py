@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app.methods import check_method
 from app.progress import Progress, announce
 from pmpnbp.errors import PmpnbpError, RecordingError, ScanError, SettingError
 
@@ -43,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Do it and return the exit status. Raises PmpnbpError for bad input, before anything is written."""
     _check_outputs(arguments.out, arguments.recording)
     cameras = _cameras(arguments.camera, arguments.scans)
-    _check_method(arguments.method)
+    check_method(arguments.method)
     announce(arguments.quiet)
     problem, inputs = _problem(arguments, cameras)
     truth = None if arguments.truth is None else _truth(arguments.truth)
@@ -76,65 +77,45 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _problem(arguments: argparse.Namespace, cameras: Sequence[Path | None]) -> tuple[Problem, Inputs]:
-    import numpy as np
-
+    from app import estimation
     from pmpnbp import settings as settings_module
-    from pmpnbp.inference import problem as problem_module
-    from pmpnbp.recording import Inputs
-    from pmpnbp.scene.observe import observe
-    from pmpnbp.scene.prior import UniformPrior, load_prior
     from pmpnbp.scene.scan_files import load_scan
-    from pmpnbp.scene.urdf import load_model
 
     settings = settings_module.changed(settings_module.preset("robust"), _changes(arguments.config))
-    model = load_model(arguments.model, triangle_budget=settings.triangles)
     scans = [load_scan(scan, camera) for scan, camera in zip(arguments.scans, cameras, strict=True)]
-    region = None if arguments.roi is None else np.array(arguments.roi)
-    observation = observe(scans, region, width=settings.image_width)
-    prior = UniformPrior("upright") if arguments.prior is None else load_prior(arguments.prior, model)
-    problem = problem_module.build(
-        model, observation, prior, settings, particles=arguments.particles, seed=arguments.seed
-    )
-    inputs = Inputs(
-        arguments.model, tuple(scans), region, prior, settings, arguments.particles, arguments.seed, arguments.method
-    )
-    return problem, inputs
+    return estimation.prepare(
+        arguments.model, scans, arguments.roi, arguments.prior, settings,
+        particles=arguments.particles, seed=arguments.seed, method=arguments.method,
+    )  # fmt: skip
 
 
 def _iterations(
     problem: Problem, iterations: int, recorder: RecordingWriter | None, progressed: Progressed
 ) -> Iterator[IterationReport]:
     """Reports from iteration 0 on, recorded, until converged or `iterations` are done."""
-    from pmpnbp.inference import run as engine
+    from app import estimation
 
-    state, report = engine.begin(problem)
-    reports: list[IterationReport] = []
+    step = estimation.first(problem)
     while True:
-        reports = [*reports[-problem.settings.converged_iterations :], report]
-        progressed.report = report
-        progressed.converged = engine.converged(reports, problem)
+        progressed.report, progressed.converged = step.report, step.converged
         if recorder is not None:
-            recorder.write(report, state)
-        yield report
-        if progressed.converged or state.iteration >= iterations:
+            recorder.write(step.report, step.state)
+        yield step.report
+        if step.converged or step.iteration >= iterations:
             return
-        state, report = engine.advance(state, problem)
+        step = estimation.following(step, problem)
 
 
 def _result(
     problem: Problem, progressed: Progressed, arguments: argparse.Namespace, truth: dict[str, Any] | None
 ) -> dict[str, Any]:
-    from pmpnbp.readout import estimate as readout
+    from app import estimation
 
     assert progressed.report is not None
-    found = readout.estimate(
-        problem, progressed.report, max_std=arguments.max_std, converged=progressed.converged,
-        method=arguments.method, seconds=round(time.perf_counter() - progressed.began, 3),
+    return estimation.read_out(
+        problem, progressed.report, converged=progressed.converged, seconds=time.perf_counter() - progressed.began,
+        max_std=arguments.max_std, method=arguments.method, truth=truth,
     )  # fmt: skip
-    if truth is None:
-        return readout.to_result(found)
-    errors = readout.errors(problem.mrf.model, found, truth["links"], truth["joints"])
-    return readout.to_result(found, errors)
 
 
 def _recorder(path: Path | None, inputs: Inputs, problem: Problem) -> AbstractContextManager[RecordingWriter | None]:
@@ -161,11 +142,6 @@ def _cameras(cameras: Sequence[Path], scans: Sequence[Path]) -> list[Path | None
             f"--camera is given {len(cameras)} times for {len(scans)} scans; expected it once for all or once for each"
         )
     return list(cameras)
-
-
-def _check_method(method: str) -> None:
-    if method != "pmpnbp":
-        raise SettingError(f"method '{method}' comes with a later version; this one has pmpnbp")
 
 
 def _truth(path: Path) -> dict[str, Any]:

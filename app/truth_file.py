@@ -25,17 +25,22 @@ def load_truth(path: Path) -> dict[str, Any]:
         raise ScanError(f"truth file '{path.name}' cannot be read: {error.strerror}") from None
     except ValueError:
         raise ScanError(f"truth file '{path.name}' is not JSON") from None
+    return truth_of(members, f"truth file '{path.name}'")
+
+
+def truth_of(members: object, name: str) -> dict[str, Any]:
+    """The same of what was read from such a file; `name` is what an error calls it."""
     links = members.get("links") if isinstance(members, dict) else None
     joints = members.get("joints", {}) if isinstance(members, dict) else None
     if not isinstance(links, dict) or not isinstance(joints, dict):
-        raise ScanError(f"truth file '{path.name}' is not an object with 'links' and 'joints'")
+        raise ScanError(f"{name} is not an object with 'links' and 'joints'")
     found = {}
-    for name, matrix in links.items():
+    for link, matrix in links.items():
         try:
-            found[name] = poses.from_matrix(np.array(matrix, dtype=np.float64).reshape(4, 4))
+            found[link] = poses.from_matrix(np.array(matrix, dtype=np.float64).reshape(4, 4))
         except (ValueError, TypeError):
-            raise ScanError(f"link '{name}' of truth file '{path.name}' has no 4x4 matrix of a pose") from None
-    for name, position in joints.items():
+            raise ScanError(f"link '{link}' of {name} has no 4x4 matrix of a pose") from None
+    for joint, position in joints.items():
         if isinstance(position, bool) or not isinstance(position, int | float) or not math.isfinite(position):
-            raise ScanError(f"joint '{name}' of truth file '{path.name}' is {position!r}; expected a finite number")
-    return {"links": found, "joints": {name: float(position) for name, position in joints.items()}}
+            raise ScanError(f"joint '{joint}' of {name} is {position!r}; expected a finite number")
+    return {"links": found, "joints": {joint: float(position) for joint, position in joints.items()}}

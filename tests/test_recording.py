@@ -317,9 +317,9 @@ def test_what_is_no_recording_is_refused_in_a_sentence(tmp_path: Path, path: Pat
     newer = tmp_path / "newer.sqlite"
     newer.write_bytes(path.read_bytes())
     with sqlite3.connect(newer) as connection:
-        connection.execute("PRAGMA user_version = 2")
+        connection.execute("PRAGMA user_version = 3")
     connection.close()
-    with pytest.raises(RecordingError, match=r"'newer.sqlite' has format 2; this version reads up to 1"):
+    with pytest.raises(RecordingError, match=r"'newer.sqlite' has format 3; this version reads up to 2"):
         Recording(newer)
 
 

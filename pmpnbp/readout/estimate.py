@@ -14,7 +14,7 @@ import numpy as np
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.belief import IterationReport
+from pmpnbp.inference.belief import Belief, IterationReport
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import assemble, configuration_scores
 from pmpnbp.potentials.unary import visible_fractions
@@ -130,9 +130,7 @@ def estimate(
     modes = [
         posterior.modes(belief.poses[node], weights[node], problem.mrf.centres[node]) for node in range(len(part_poses))
     ]
-    # Joints that a link outside all parts hangs on are spread as they are uncertain; a part's links do not see this.
-    spread = joints + stds * rng.standard_normal((belief.log_weights.shape[1], model.dof))
-    particles = model.link_poses(np.swapaxes(belief.poses, 0, 1), spread)
+    particles = _carried(rng, model, belief, joints, stds)
     reached_from = parts_of_links(model)
     links = []
     for row, name in enumerate(model.links):
@@ -154,6 +152,21 @@ def estimate(
         model.name, method, problem.seed, report.iteration, converged, observation.frame_id, observation.stamp,
         max_std, seconds, part_poses, joints, tuple(links), moving,
     )  # fmt: skip
+
+
+def link_particles(problem: Problem, report: IterationReport) -> Array:
+    """(T, L, 7): the particles of every link, link in world, as `estimate` counts them; particle i of a link has the
+    weight of particle i of the part that `parts_of_links` names."""
+    _, joints = agreeing(problem, report)
+    rng = np.random.default_rng([problem.seed, report.iteration])
+    stds = posterior.joint_stds(rng, problem.mrf.model, report.belief, joints)
+    return _carried(rng, problem.mrf.model, report.belief, joints, stds)
+
+
+def _carried(rng: np.random.Generator, model: ArticulatedObject, belief: Belief, joints: Array, stds: Array) -> Array:
+    # Joints that a link outside all parts hangs on are spread as they are uncertain; a part's links do not see this.
+    spread = joints + stds * rng.standard_normal((belief.log_weights.shape[1], model.dof))
+    return model.link_poses(np.swapaxes(belief.poses, 0, 1), spread)
 
 
 def agreeing(problem: Problem, report: IterationReport) -> tuple[Array, Array]:

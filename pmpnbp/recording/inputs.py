@@ -8,7 +8,7 @@ import posixpath
 import sqlite3
 import tempfile
 import zipfile
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problem_module
 from pmpnbp.inference.problem import Problem
-from pmpnbp.recording.schema import pack, unpack
+from pmpnbp.recording.changes import changes, first_scans
+from pmpnbp.recording.scans import store_scan
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.model_files import ModelLimits, open_model
 from pmpnbp.scene.observation import Scan
@@ -69,12 +69,8 @@ def store(connection: sqlite3.Connection, inputs: Inputs, model: ArticulatedObje
     rows = [(name, json.dumps(value)) for name, value in values.items()]
     connection.executemany("INSERT INTO inputs VALUES (?, ?)", rows)
     connection.execute("INSERT INTO model VALUES (?, ?)", (inputs.model.stem + ".zip", model_zip(inputs.model)))
-    for number, scan in enumerate(inputs.scans):
-        camera = asdict(scan.camera) | {"pose_world_camera": scan.camera.pose_world_camera.tolist()}
-        connection.execute(
-            "INSERT INTO scans VALUES (?, ?, ?, ?, ?, ?, ?)",
-            (number, json.dumps(camera), scan.frame_id, scan.stamp, *pack(scan.depth)),
-        )
+    for scan in inputs.scans:
+        store_scan(connection, scan)
 
 
 def value(connection: sqlite3.Connection, name: str) -> Any:
@@ -82,41 +78,37 @@ def value(connection: sqlite3.Connection, name: str) -> Any:
     return json.loads(connection.execute("SELECT value FROM inputs WHERE name = ?", (name,)).fetchone()[0])
 
 
-def scans(connection: sqlite3.Connection) -> tuple[Scan, ...]:
-    """The scans as they were read."""
-    found = []
-    rows = connection.execute("SELECT camera, frame_id, stamp, dtype, shape, depth FROM scans ORDER BY number")
-    for camera, frame_id, stamp, dtype, shape, data in rows:
-        members = json.loads(camera)
-        depth = unpack(dtype, shape, data).astype(np.float32, copy=False)
-        depth.setflags(write=False)
-        pose = np.array(members.pop("pose_world_camera"))
-        found.append(Scan(Camera(**members, pose_world_camera=pose), depth, frame_id, stamp))
-    return tuple(found)
-
-
-def restored_inputs(connection: sqlite3.Connection, folder: Path) -> Inputs:
-    """The inputs of a recording; its model becomes a file in `folder`."""
+def restored_inputs(connection: sqlite3.Connection, folder: Path, iteration: int | None = None) -> Inputs:
+    """What iteration `iteration` was made with, or else the next one will be; the model becomes a file in `folder`."""
     file_name, data = connection.execute("SELECT file_name, zip FROM model").fetchone()
     region = value(connection, "region")
     path = folder / Path(file_name).name
     path.write_bytes(data)
-    return Inputs(
+    found = Inputs(
         path,
-        scans(connection),
+        first_scans(connection),
         None if region is None else np.array(region),
         _prior(value(connection, "prior")),
-        changed(preset("robust"), value(connection, "settings")),
+        first_settings(connection),
         value(connection, "particles"),
         value(connection, "seed"),
         value(connection, "method"),
     )
+    for change in changes(connection, iteration):
+        scans = found.scans if change.scan is None else (*found.scans, change.scan)
+        found = replace(found, scans=scans, settings=change.settings or found.settings)
+    return found
 
 
-def restored_problem(connection: sqlite3.Connection) -> Problem:
-    """The problem of a recording, made again from its inputs."""
+def first_settings(connection: sqlite3.Connection) -> Settings:
+    """The settings that the inference began with."""
+    return changed(preset("robust"), value(connection, "settings"))
+
+
+def restored_problem(connection: sqlite3.Connection, iteration: int | None = None) -> Problem:
+    """The problem of an iteration, or else of the next one, made again from its inputs."""
     with tempfile.TemporaryDirectory(prefix="recording-") as folder:
-        return restored_inputs(connection, Path(folder)).problem()
+        return restored_inputs(connection, Path(folder), iteration).problem()
 
 
 def model_zip(path: Path) -> bytes:

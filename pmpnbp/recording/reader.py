@@ -18,6 +18,7 @@ from pmpnbp.inference.belief import NEIGHBOUR, SOURCES, IterationReport, State
 from pmpnbp.inference.problem import Problem
 from pmpnbp.recording import inputs as inputs_module
 from pmpnbp.recording.arrays import Arrays, incoming_messages, to_report, to_state
+from pmpnbp.recording.changes import Change, changes
 from pmpnbp.recording.inputs import Inputs
 from pmpnbp.recording.schema import APPLICATION_ID, VERSION, unpack
 from pmpnbp.settings import Settings, changed, preset
@@ -35,7 +36,7 @@ class Recording:
 
     def __init__(self, path: Path) -> None:
         self._path = Path(path)
-        self._problem: Problem | None = None
+        self._problems: dict[int, Problem] = {}
         self._connection = self._open()
         try:
             application, version = (self._pragma(name) for name in ("application_id", "user_version"))
@@ -62,34 +63,45 @@ class Recording:
         """Close the file."""
         self._connection.close()
 
-    def restored_inputs(self, folder: Path) -> Inputs:
-        """The inputs as a writer takes them, to begin another run from; the model becomes a file in `folder`."""
+    def restored_inputs(self, folder: Path, iteration: int | None = None) -> Inputs:
+        """The inputs that an iteration was made with, or else the next one will be, as a writer takes them, to begin
+        another run from; the model becomes a file in `folder`."""
         try:
-            return inputs_module.restored_inputs(self._connection, folder)
+            return inputs_module.restored_inputs(self._connection, folder, iteration)
         except _DAMAGE:
             raise self._damaged("its model or scans") from None
 
     def inputs(self) -> dict[str, Any]:
         """`version`, `method`, `model` (its name), `parts`, `settings`, `prior`, `region`, `particles` and `seed`, as
-        JSON has them."""
+        JSON has them: those the inference began with."""
         try:
             rows = self._connection.execute("SELECT name, value FROM inputs").fetchall()
             return {name: json.loads(value) for name, value in rows}
         except _DAMAGE:
             raise self._damaged("its inputs") from None
 
-    def settings(self) -> Settings:
-        """The settings of the inference."""
-        return changed(preset("robust"), self._input("settings"))
+    def changes(self, iteration: int | None = None) -> list[Change]:
+        """Other settings and further scans that an iteration was made with, in order; without it all there are."""
+        try:
+            return changes(self._connection, iteration)
+        except _DAMAGE:
+            raise self._damaged("its changes") from None
 
-    def problem(self) -> Problem:
-        """The problem, made again from model, scans, prior and settings; made once."""
-        if self._problem is None:
+    def settings(self, iteration: int | None = None) -> Settings:
+        """The settings that an iteration was made with, or else the next one will be."""
+        found = [change.settings for change in self.changes(iteration) if change.settings is not None]
+        return found[-1] if found else changed(preset("robust"), self._input("settings"))
+
+    def problem(self, iteration: int | None = None) -> Problem:
+        """The problem of an iteration, or else of the next one, made again from model, scans, prior and settings as
+        they were then; made once for all iterations between two changes."""
+        number = len(self.changes(iteration))
+        if number not in self._problems:
             try:
-                self._problem = inputs_module.restored_problem(self._connection)
+                self._problems[number] = inputs_module.restored_problem(self._connection, iteration)
             except _DAMAGE:
                 raise self._damaged("its model or scans") from None
-        return self._problem
+        return self._problems[number]
 
     def iterations(self) -> list[int]:
         """Numbers of the iterations that can be read, ascending; those thinned out are not among them."""
@@ -107,6 +119,36 @@ class Recording:
             return [text for (text,) in self._connection.execute("SELECT text FROM notes ORDER BY number")]
         except _DAMAGE:
             raise self._damaged("its notes") from None
+
+    def newest(self) -> int | None:
+        """The number of the newest iteration that is written down, whole or not; None where there is none."""
+        try:
+            found = self._connection.execute("SELECT max(number) FROM iterations").fetchone()[0]
+        except _DAMAGE:
+            raise self._damaged("its list of iterations") from None
+        return None if found is None else int(found)
+
+    def summaries(self, after: int = -1) -> list[str]:
+        """What the program that recorded had to say of each iteration beyond `after`, ascending; also of those thinned
+        out. Empty where it said nothing."""
+        query = "SELECT text FROM summaries WHERE iteration > ? ORDER BY iteration"
+        try:
+            if self._pragma("user_version") < VERSION:
+                return []
+            return [text for (text,) in self._connection.execute(query, (after,))]
+        except _DAMAGE:
+            raise self._damaged("its summaries") from None
+
+    def summary(self, iteration: int) -> str | None:
+        """The same of one iteration; None where there is none."""
+        query = "SELECT text FROM summaries WHERE iteration = ?"
+        try:
+            if self._pragma("user_version") < VERSION:
+                return None
+            row = self._connection.execute(query, (iteration,)).fetchone()
+        except _DAMAGE:
+            raise self._damaged("its summaries") from None
+        return None if row is None else str(row[0])
 
     def report(self, iteration: int) -> IterationReport:
         """The report of an iteration, equal bit for bit to the one that was written."""
@@ -183,10 +225,10 @@ class Recording:
         }
 
     def _log_prior(self, node: int, report: IterationReport, particle: int) -> float:
-        prior, settings = self._input("prior"), self.settings()
+        prior, settings = self._input("prior"), self.settings(report.iteration)
         if prior["kind"] != "gaussian" or not settings.prior_factor or report.iteration == 0:
             return 0.0
-        problem = self.problem()
+        problem = self.problem(report.iteration)
         if node != problem.prior_node:
             return 0.0
         return float(problem.log_prior(report.belief.poses[node, particle]))
@@ -229,6 +271,19 @@ class Recording:
             return inputs_module.value(self._connection, name)
         except _DAMAGE:
             raise self._damaged("its inputs") from None
+
+    @property
+    def connection(self) -> sqlite3.Connection:
+        """The open file, for those of this package that copy from it."""
+        return self._connection
+
+    def sound(self) -> bool:
+        """Whether SQLite finds no fault with the file as a whole, read from end to end."""
+        try:
+            found = self._connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+            return not self._cut_short() and found == "ok"
+        except (*_DAMAGE, RecordingError):
+            return False
 
     def _whole(self, iteration: int) -> bool:
         try:

@@ -7,6 +7,8 @@
 | `scans` | depth image, camera, frame and stamp of each scan |
 | `iterations` | a row an iteration: stage, tolerance, score, seconds, notes; stays when its arrays are thinned out |
 | `arrays` | the arrays of an iteration, by the names of `Belief`, `Messages`, `IterationReport` and `State` |
+| `summaries` | what the program that records has to say of an iteration, in its own words; stays as its row does |
+| `changes` | other settings (JSON) or a further scan (its number), and the iteration they came after |
 | `notes` | what the writer has to say, such as that it thinned out iterations |
 """
 
@@ -20,7 +22,8 @@ from numpy.typing import NDArray
 
 # "pmpn"; tells a recording from any other SQLite file.
 APPLICATION_ID = 0x706D706E
-VERSION = 1
+# Format 1 had no `summaries` and no `changes`.
+VERSION = 2
 
 TABLES = """
 CREATE TABLE inputs (name TEXT PRIMARY KEY, value TEXT NOT NULL);
@@ -32,6 +35,13 @@ CREATE TABLE iterations (number INTEGER PRIMARY KEY, stage TEXT NOT NULL, tolera
 CREATE TABLE arrays (iteration INTEGER NOT NULL, name TEXT NOT NULL, dtype TEXT NOT NULL, shape TEXT NOT NULL,
     data BLOB NOT NULL, UNIQUE (iteration, name));
 CREATE TABLE notes (number INTEGER PRIMARY KEY, text TEXT NOT NULL);
+"""
+
+# Since format 2.
+ADDED_TABLES = """
+CREATE TABLE summaries (iteration INTEGER PRIMARY KEY, text TEXT NOT NULL);
+CREATE TABLE changes (number INTEGER PRIMARY KEY, after_iteration INTEGER NOT NULL, settings TEXT, scan INTEGER,
+    note TEXT NOT NULL);
 """
 
 # A blob larger than this is not unpacked: no array of a recording is, so its header lies.

@@ -12,6 +12,8 @@ import math
 import queue
 import sqlite3
 import threading
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
@@ -19,14 +21,23 @@ from pmpnbp.errors import RecordingError
 from pmpnbp.inference.belief import IterationReport, State
 from pmpnbp.recording import inputs as inputs_module
 from pmpnbp.recording.arrays import to_arrays
+from pmpnbp.recording.changes import Change, store_change
 from pmpnbp.recording.inputs import Inputs
-from pmpnbp.recording.schema import APPLICATION_ID, TABLES, VERSION, pack
+from pmpnbp.recording.schema import ADDED_TABLES, APPLICATION_ID, TABLES, VERSION, pack
 from pmpnbp.scene.articulated_object import ArticulatedObject
 
 # Size up to which every iteration is kept, bytes.
 MAX_BYTES = 1 << 30
 # Iterations that may wait to be written; an inference faster than the disk then waits for it.
 WAITING = 64
+
+
+@dataclass(frozen=True)
+class _Iteration:
+    report: IterationReport
+    state: State
+    summary: str | None
+    written: Callable[[], None] | None
 
 
 class RecordingWriter:
@@ -36,25 +47,41 @@ class RecordingWriter:
     model : that of the problem, for its names
     max_bytes : beyond it every second iteration is dropped, then three of four and so on; the newest is always kept
 
-    Raises RecordingError where the file cannot be written, from `write` and on leaving too.
+    Raises RecordingError where the file cannot be written, from `write` and on leaving too. `appending` goes on with a
+    recording that is there.
     """
 
     def __init__(self, path: Path, inputs: Inputs, model: ArticulatedObject, *, max_bytes: int = MAX_BYTES) -> None:
+        self._prepare(path, max_bytes)
+        make_way(self._path)
+        try:
+            self._connect()
+            self._create(inputs, model)
+        except sqlite3.Error as error:
+            raise self._failure(error) from None
+        self._thread.start()
+
+    @classmethod
+    def appending(cls, path: Path, *, max_bytes: int = MAX_BYTES) -> RecordingWriter:
+        """A writer that goes on with the recording at `path`; `make_whole` sees to it that it can."""
+        writer = cls.__new__(cls)
+        writer._prepare(path, max_bytes)
+        try:
+            writer._connect()
+            writer._go_on()
+        except sqlite3.Error as error:
+            raise writer._failure(error) from None
+        writer._thread.start()
+        return writer
+
+    def _prepare(self, path: Path, max_bytes: int) -> None:
         self._path = Path(path)
         self._max_bytes = max_bytes
         self._stride = 1
         self._newest: int | None = None
-        self._queue: queue.Queue[tuple[IterationReport, State] | None] = queue.Queue(WAITING)
+        self._queue: queue.Queue[_Iteration | Change | threading.Event | None] = queue.Queue(WAITING)
         self._error: Exception | None = None
-        make_way(self._path)
-        try:
-            # used by the thread alone from here on
-            self._connection = sqlite3.connect(self._path, isolation_level=None, check_same_thread=False)
-            self._create(inputs, model)
-        except sqlite3.Error as error:
-            raise self._failure(error) from None
         self._thread = threading.Thread(target=self._write_all, name="recording", daemon=True)
-        self._thread.start()
 
     def __enter__(self) -> RecordingWriter:
         return self
@@ -68,10 +95,32 @@ class RecordingWriter:
         with contextlib.suppress(RecordingError):  # what went wrong first is what the caller has to hear
             self.close()
 
-    def write(self, report: IterationReport, state: State) -> None:
-        """Record an iteration and the state after it. Returns at once; the arrays of both must not change."""
+    def write(
+        self,
+        report: IterationReport,
+        state: State,
+        summary: str | None = None,
+        written: Callable[[], None] | None = None,
+    ) -> None:
+        """Record an iteration and the state after it. Returns at once; the arrays of both must not change.
+
+        summary : kept with the iteration, for the program that records
+        written : called once the iteration is in the file, by the thread that writes
+        """
         self._raise_failure()
-        self._queue.put((report, state))
+        self._queue.put(_Iteration(report, state, summary, written))
+
+    def change(self, change: Change) -> None:
+        """Record that later iterations are made with other settings or a further scan. Returns at once."""
+        self._raise_failure()
+        self._queue.put(change)
+
+    def flush(self) -> None:
+        """Return once everything so far is in the file."""
+        done = threading.Event()
+        self._queue.put(done)
+        done.wait()
+        self._raise_failure()
 
     def close(self) -> None:
         """Write what is waiting and close the file. A second call does nothing."""
@@ -80,41 +129,74 @@ class RecordingWriter:
             self._thread.join()
         self._raise_failure()
 
+    def _connect(self) -> None:
+        # used by the thread alone once it runs
+        self._connection = sqlite3.connect(self._path, isolation_level=None, check_same_thread=False)
+        self._connection.execute("PRAGMA journal_mode = WAL")
+        self._connection.execute("PRAGMA synchronous = NORMAL")
+
     def _create(self, inputs: Inputs, model: ArticulatedObject) -> None:
         run = self._connection.execute
-        run("PRAGMA journal_mode = WAL")
-        run("PRAGMA synchronous = NORMAL")
         run("BEGIN IMMEDIATE")
         # both in the transaction: a file killed here is empty rather than a recording without tables
         run(f"PRAGMA application_id = {APPLICATION_ID}")
         run(f"PRAGMA user_version = {VERSION}")
-        for statement in TABLES.split(";"):
+        for statement in (TABLES + ADDED_TABLES).split(";"):
             run(statement)
         inputs_module.store(self._connection, inputs, model)
         run("COMMIT")
 
+    def _go_on(self) -> None:
+        run = self._connection.execute
+        if run("PRAGMA user_version").fetchone()[0] < VERSION:
+            run("BEGIN IMMEDIATE")
+            for statement in ADDED_TABLES.split(";"):
+                run(statement)
+            run(f"PRAGMA user_version = {VERSION}")
+            run("COMMIT")
+        kept = [number for (number,) in run("SELECT DISTINCT iteration FROM arrays ORDER BY iteration")]
+        # what was kept before the newest are the multiples of the stride
+        self._stride = math.gcd(*kept[:-1]) or 1
+        self._newest = kept[-1] if kept else None
+
     def _write_all(self) -> None:
         try:
             while (item := self._queue.get()) is not None:
-                self._write_one(*item)
-            # one file to share, without a log beside it; refused while somebody reads, who then does it on leaving
-            with contextlib.suppress(sqlite3.OperationalError):
-                self._connection.execute("PRAGMA journal_mode = DELETE")
-        except Exception as error:  # handed to the inference's thread, which raises it
-            self._error = error
-            while self._queue.get() is not None:  # a full queue would hold the inference up for ever
-                pass
+                if isinstance(item, threading.Event):
+                    item.set()
+                elif self._error is None:  # after a failure the rest is dropped: a full queue would hold up for ever
+                    self._write_item(item)
+            if self._error is None:
+                # one file to share, without a log beside it; refused while somebody reads, who then does it on leaving
+                with contextlib.suppress(sqlite3.OperationalError):
+                    self._connection.execute("PRAGMA journal_mode = DELETE")
         finally:
             self._connection.close()
 
-    def _write_one(self, report: IterationReport, state: State) -> None:
-        packed = [(report.iteration, name, *pack(values)) for name, values in to_arrays(report, state).items()]
+    def _write_item(self, item: _Iteration | Change) -> None:
+        try:
+            if isinstance(item, Change):
+                self._connection.execute("BEGIN IMMEDIATE")
+                store_change(self._connection, item)
+                self._connection.execute("COMMIT")
+                return
+            self._write_one(item)
+            if item.written is not None:
+                item.written()
+        except Exception as error:  # handed to the inference's thread, which raises it
+            self._error = error
+
+    def _write_one(self, item: _Iteration) -> None:
+        report = item.report
+        packed = [(report.iteration, name, *pack(values)) for name, values in to_arrays(report, item.state).items()]
         run = self._connection.execute
         run("BEGIN IMMEDIATE")
         score = report.mle_score if math.isfinite(report.mle_score) else None
         row = (report.iteration, report.stage, report.tolerance, score, report.seconds, json.dumps(report.notes))
         run("INSERT INTO iterations VALUES (?, ?, ?, ?, ?, ?)", row)
         self._connection.executemany("INSERT INTO arrays VALUES (?, ?, ?, ?, ?)", packed)
+        if item.summary is not None:
+            run("INSERT INTO summaries VALUES (?, ?)", (report.iteration, item.summary))
         if self._newest is not None and self._newest % self._stride:
             run("DELETE FROM arrays WHERE iteration = ?", (self._newest,))
         self._newest = report.iteration

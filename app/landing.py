@@ -1,0 +1,97 @@
+"""How does a folder of files come to be, whole or not at all, whenever the power goes?
+
+It is prepared under a name that nobody reads, its bytes and its entries are forced to the disk, and one rename puts it
+in its place. What a kill leaves behind lies in the folder of the unfinished, which is emptied at the next start.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from app.problems import HttpProblem
+
+DISK_FULL = "the disk of the data directory is full; nothing was changed"
+
+
+@contextmanager
+def full_disk_as_problem() -> Iterator[None]:
+    """Turns "no space left" of the operating system into a 507."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise HttpProblem(507, DISK_FULL) from error
+        raise
+
+
+def land(partial: Path, place: Path, files: Mapping[str, Path], document_name: str, document: Mapping[str, Any]) -> int:
+    """Make the folder `place` of `files` (name in it: file to move there) and `document` as JSON; its size in bytes.
+
+    partial : a folder that does not exist, on the same file system; gone afterwards, also after an error
+    """
+    try:
+        with full_disk_as_problem():
+            partial.mkdir()
+            for name, source in files.items():
+                os.replace(source, partial / name)
+                force(partial / name)
+            write_json(partial / document_name, document)
+            force(partial)
+            size = sum(path.stat().st_size for path in partial.iterdir())
+            os.rename(partial, place)
+            force(place.parent)
+            return size
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def replace_json(partial: Path, place: Path, document: Mapping[str, Any]) -> None:
+    """Make the file `place` hold `document`, by way of the file `partial`: at any instant it holds the old or the new
+    one."""
+    try:
+        with full_disk_as_problem():
+            write_json(partial, document)
+            os.replace(partial, place)
+            force(place.parent)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def remove(partial: Path, place: Path) -> None:
+    """Take the folder `place` away in one step, by way of the name `partial`."""
+    os.rename(place, partial)
+    force(place.parent)
+    shutil.rmtree(partial, ignore_errors=True)
+
+
+def write_json(path: Path, document: Mapping[str, Any]) -> None:
+    """Write and force `document` to the disk."""
+    with path.open("w", encoding="utf-8") as file:
+        json.dump(document, file, ensure_ascii=True, allow_nan=False, indent=1)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def read_json(path: Path) -> dict[str, Any] | None:
+    """The object in a JSON file, or None where there is no whole one."""
+    try:
+        found = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def force(path: Path) -> None:
+    """Wait until a file's bytes, or a folder's entries, are on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

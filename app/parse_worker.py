@@ -1,0 +1,201 @@
+"""What is in an uploaded file? Read here, in a process of its own that has nothing to lose.
+
+    python -m app.parse_worker KIND BYTES SECONDS
+
+KIND is models, scans or recordings; BYTES of memory is what the process may take, SECONDS of processor time what a file
+may take; past either the process dies or says so. It says `{"ready": true}`, then reads files by the line on standard
+input, `{"path", "camera", "out"}` as JSON, and answers each with a line: `{"summary": {…}}` or `{"error": "a
+sentence"}`. It ends with its input. A process serves several files, because its imports take longer than a file.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import resource
+import sqlite3
+import sys
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import IO, Any
+from urllib.parse import quote
+
+from pmpnbp.errors import PmpnbpError, RecordingError
+
+# Of one file: a mesh that a zip unpacks to, or the scan that is written.
+LARGEST_OUTPUT = 512 << 20
+Job = dict[str, Any]
+Summary = dict[str, Any]
+
+
+def main(kind: str, memory: int, seconds: float) -> None:
+    """Serve files of `kind` until standard input ends."""
+    answers = _private_output()
+    # A system that lacks a limit (macOS has no RLIMIT_AS) still has the wall clock of the parent.
+    for limit, value in (
+        (resource.RLIMIT_AS, memory),
+        (resource.RLIMIT_FSIZE, LARGEST_OUTPUT),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        with suppress(ValueError, OSError):
+            resource.setrlimit(limit, (value, value))
+    read = _reader(kind)
+    _say(answers, {"ready": True})
+    for line in sys.stdin:
+        _allow_processor_time(seconds)
+        job = json.loads(line)
+        tempfile.tempdir = str(Path(job["path"]).parent)  # what a killed process leaves goes with the upload
+        _say(answers, _answer(read, job))
+
+
+def _answer(read: Callable[[Job], Summary], job: Job) -> dict[str, Any]:
+    name = Path(job["path"]).name
+    try:
+        return {"summary": read(job)}
+    except PmpnbpError as error:
+        return {"error": str(error)}
+    except MemoryError:
+        return {"error": f"'{name}' takes more memory to read than an upload may"}
+    except RecursionError:
+        return {"error": f"'{name}' is nested too deeply to be read"}
+    except Exception as error:  # no closed list of what a hostile file makes a library raise
+        return {"error": f"'{name}' cannot be read: it is damaged", "unexpected": f"{type(error).__name__}: {error}"}
+
+
+def _reader(kind: str) -> Callable[[Job], Summary]:
+    """The reader, with everything it needs imported: later nothing is."""
+    if kind == "models":
+        from pmpnbp.scene.urdf import load_model
+
+        return lambda job: _model(job, load_model)
+    if kind == "scans":
+        from app.stored_scan import write_scan
+        from pmpnbp.scene import lzf
+        from pmpnbp.scene.scan_files import load_scan
+
+        lzf.lzf_decode(b"\0a", 1)
+        return lambda job: _scan(job, load_scan, write_scan)
+    if kind == "recordings":
+        from pmpnbp.recording import Recording
+
+        return lambda job: _recording(job, Recording)
+    raise SystemExit(f"no such kind: {kind}")
+
+
+def _model(job: Job, load_model: Callable[[Path], Any]) -> Summary:
+    model = load_model(Path(job["path"]))
+    joints = [
+        {
+            "name": joint.name, "type": joint.kind, "parent": joint.parent, "child": joint.child,
+            "lower": None if joint.kind == "fixed" else joint.lower,
+            "upper": None if joint.kind == "fixed" else joint.upper,
+            "mimic": joint.mimic,
+        }
+        for joint in model.joints
+    ]  # fmt: skip
+    parts = [{"name": part.name, "links": list(part.links)} for part in model.parts]
+    return {"name": model.name, "links": list(model.links), "joints": joints, "parts": parts}
+
+
+def _scan(job: Job, load_scan: Callable[..., Any], write_scan: Callable[..., None]) -> Summary:
+    import numpy as np
+
+    from pmpnbp.geometry import poses
+
+    scan = load_scan(Path(job["path"]), Path(job["camera"]) if job["camera"] else None)
+    camera, valid = scan.camera, scan.depth > 0
+    points = camera.back_project(scan.depth)[valid].astype(np.float64)
+    points = poses.transform_points(camera.pose_world_camera, points)
+    write_scan(Path(job["out"]), scan)
+    return {
+        "points": int(valid.sum()),
+        "valid_fraction": float(valid.mean()),
+        "camera": {
+            "width": camera.width, "height": camera.height,
+            "fx": float(camera.fx), "fy": float(camera.fy), "cx": float(camera.cx), "cy": float(camera.cy),
+            "T_world_camera": poses.to_matrix(camera.pose_world_camera).reshape(-1).tolist(),
+            "frame_id": scan.frame_id, "stamp": scan.stamp,
+        },
+        "bounds": [*points.min(axis=0).tolist(), *points.max(axis=0).tolist()],
+    }  # fmt: skip
+
+
+def _recording(job: Job, open_recording: Callable[[Path], Any]) -> Summary:
+    path = Path(job["path"])
+    _check_tables(path)
+    with open_recording(path) as recording:
+        inputs = recording.inputs()
+        iterations = recording.iterations()
+        if not iterations:
+            raise RecordingError(f"recording '{path.name}' has no iteration that can be read")
+        # whoever looks at it later makes its problems in the server's own process: that has to go well here first
+        problem = recording.problem()
+        for change in recording.changes():
+            recording.problem(change.after_iteration)
+        recording.summaries()
+        for number in {iterations[0], iterations[-1]}:
+            recording.report(number)
+            recording.state(number)
+        return {
+            "model": str(inputs["model"]),
+            "method": str(inputs["method"]),
+            "particles": int(inputs["particles"]),
+            "seed": int(inputs["seed"]),
+            "parts": [part.name for part in problem.mrf.model.parts],
+            "scans": len(problem.observation.views),
+            "iterations": len(iterations),
+            "first_iteration": iterations[0],
+            "last_iteration": iterations[-1],
+            "notes": recording.notes(),
+        }
+
+
+def _check_tables(path: Path) -> None:
+    """Only plain tables: a view, a trigger or a computed column would run the sender's queries whenever it is read."""
+    connection = sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1", uri=True)
+    try:
+        rows = connection.execute("SELECT type, name, sql FROM sqlite_master").fetchall()
+    except sqlite3.DatabaseError:
+        raise RecordingError(f"'{path.name}' is not a recording, or its beginning is damaged") from None
+    finally:
+        connection.close()
+    for kind, name, sql in rows:
+        plain = kind == "index" and sql is None
+        if kind == "table" and isinstance(sql, str):
+            plain = re.fullmatch(r"CREATE TABLE \w+ \([\w\s,()]*\)", sql) is not None and not re.search(
+                r"\b(AS|CHECK|DEFAULT|GENERATED|REFERENCES|COLLATE|CONFLICT)\b", sql.upper()
+            )
+        if not plain:
+            raise RecordingError(
+                f"recording '{path.name}' holds the {kind!s:.20} '{name!s:.40}', which no recording does"
+            )
+
+
+def _allow_processor_time(seconds: float) -> None:
+    spent = resource.getrusage(resource.RUSAGE_SELF)
+    until = int(spent.ru_utime + spent.ru_stime + seconds) + 1
+    with suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_CPU, (until, resource.getrlimit(resource.RLIMIT_CPU)[1]))
+
+
+def _private_output() -> IO[str]:
+    """Standard output for answers alone: what libraries print goes nowhere."""
+    answers = os.fdopen(os.dup(1), "w", encoding="ascii")
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.close(nowhere)
+    return answers
+
+
+def _say(answers: IO[str], message: dict[str, Any]) -> None:
+    spent = resource.getrusage(resource.RUSAGE_SELF)
+    # kilobytes on Linux
+    answers.write(json.dumps({**message, "peak_bytes": spent.ru_maxrss * 1024}, allow_nan=False) + "\n")
+    answers.flush()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]))

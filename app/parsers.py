@@ -1,0 +1,206 @@
+"""Who reads an uploaded file? A few warm processes that may crash, hang or run out of memory in the server's stead."""
+
+from __future__ import annotations
+
+import errno
+import json
+import logging
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from app.problems import HttpProblem
+
+# Files that a process reads before a fresh one takes its place, and the memory it may have needed for one of them.
+MOST_FILES = 100
+MOST_BYTES = 1 << 30
+# Processes of a kind that stay when they have nothing to do.
+MOST_IDLE = 2
+
+# What Python and its libraries need of the environment; it may hold secrets that are no upload's business.
+_ENVIRONMENT = frozenset(
+    {
+        "PATH", "HOME", "LANG", "LC_ALL", "LC_CTYPE", "TZ", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "VIRTUAL_ENV",
+        "PYTHONHOME", "PYTHONPATH", "PYTHONUTF8", "PYTHONDONTWRITEBYTECODE", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR",
+        "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES",
+    }
+)  # fmt: skip
+
+_log = logging.getLogger("pmpnbp.server")
+
+
+class _Gone(Exception):
+    """The process ended, or said what no worker says."""
+
+
+class _Late(Exception):
+    """The process did not answer in time."""
+
+
+class _Worker:
+    """One `app.parse_worker`, started at once, ready some time after."""
+
+    def __init__(self, kind: str, memory: int, seconds: float) -> None:
+        self.kind = kind
+        self.files = 0
+        self.peak_bytes = 0
+        self._ready = False
+        self._rest = b""
+        # one thread a process, or the stacks of idle ones eat up the memory it may take
+        environment = {name: value for name, value in os.environ.items() if name in _ENVIRONMENT}
+        environment |= {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "app.parse_worker", kind, str(memory), str(seconds)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            bufsize=0,
+            env=environment,
+            cwd=Path(__file__).resolve().parent.parent,  # where `app` is found
+            start_new_session=True,  # a group of its own, so that it can be killed with its children
+        )
+
+    @property
+    def alive(self) -> bool:
+        return self._process.poll() is None
+
+    def wait_ready(self, deadline: float) -> None:
+        """Raises _Gone or _Late."""
+        if not self._ready:
+            self._line(deadline)
+            self._ready = True
+
+    def ask(self, job: Mapping[str, Any], deadline: float) -> dict[str, Any]:
+        """The answer to `job`. Raises _Gone or _Late."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(job).encode() + b"\n")
+        except OSError as error:
+            raise _Gone from error
+        self.files += 1
+        return self._line(deadline)
+
+    def end(self) -> None:
+        """Kill it and everything it started."""
+        with suppress(OSError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                pipe.close()
+
+    def _line(self, deadline: float) -> dict[str, Any]:
+        assert self._process.stdout is not None
+        descriptor = self._process.stdout.fileno()
+        ready = select.poll()  # not select(): a server with many clients has descriptors beyond its 1024
+        ready.register(descriptor, select.POLLIN)
+        received = [self._rest]
+        while b"\n" not in received[-1]:
+            left = deadline - time.monotonic()
+            if left <= 0 or not ready.poll(left * 1000):
+                raise _Late
+            received.append(os.read(descriptor, 1 << 16))
+            if not received[-1]:
+                raise _Gone
+        line, _, self._rest = b"".join(received).partition(b"\n")
+        try:
+            answer = json.loads(line)
+            self.peak_bytes = int(answer["peak_bytes"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise _Gone from error
+        return dict(answer)
+
+
+class Parsers:
+    """Processes that read uploads: kept warm, replaced once one has failed, grown or served long enough. Thread-safe.
+
+    memory : bytes that a process may take; seconds : that reading one file may take
+    """
+
+    def __init__(self, memory: int, seconds: float) -> None:
+        self._memory = memory
+        self._seconds = seconds
+        self._lock = threading.Lock()
+        self._idle: dict[str, list[_Worker]] = {}
+        self._closed = False
+
+    def warm(self, *kinds: str) -> None:
+        """Have a process ready for files of each of these kinds."""
+        for kind in kinds:
+            self._put_back(self._take(kind))
+
+    def close(self) -> None:
+        """End every process that has nothing to do; the others end with their work."""
+        with self._lock:
+            self._closed = True
+            idle = [worker for workers in self._idle.values() for worker in workers]
+            self._idle.clear()
+        for worker in idle:
+            worker.end()
+
+    def parse(self, kind: str, path: Path, out: Path, camera: Path | None = None) -> dict[str, Any]:
+        """What is in the file `path`, as `app.parse_worker` tells it; a scan, with its `camera`, goes to `out`.
+
+        Raises HttpProblem 422 with the reader's sentence, or where it crashed or took too long; 507 on a full disk.
+        """
+        job = {"path": str(path), "camera": None if camera is None else str(camera), "out": str(out)}
+        worker, answer = self._take(kind), None
+        try:
+            self._get_ready(worker)
+            answer = worker.ask(job, time.monotonic() + self._seconds)
+        except _Late:
+            raise HttpProblem(
+                422, f"'{path.name}' takes longer to read than the {self._seconds:g} s that an upload may"
+            ) from None
+        except _Gone:
+            _log.warning("the process that reads %s ended at an upload of %s bytes", kind, path.stat().st_size)
+            raise HttpProblem(422, f"'{path.name}' cannot be read: it made its reader crash") from None
+        finally:
+            if answer is None or "unexpected" in answer or worker.files >= MOST_FILES or worker.peak_bytes > MOST_BYTES:
+                worker.end()
+                worker = self._start(kind)
+            self._put_back(worker)
+        if "unexpected" in answer:
+            _log.warning("reading %s failed unexpectedly: %s", kind, answer["unexpected"])
+        if "error" in answer:
+            full = os.strerror(errno.ENOSPC) in answer["error"]
+            raise HttpProblem(507 if full else 422, answer["error"])
+        return dict(answer["summary"])
+
+    def _get_ready(self, worker: _Worker) -> None:
+        # its imports are none of the upload's business, nor of its time
+        try:
+            worker.wait_ready(time.monotonic() + 60.0)
+        except (_Gone, _Late):
+            raise HttpProblem(
+                500, f"the process that reads {worker.kind} does not start within {self._memory >> 20} MiB of memory"
+            ) from None
+
+    def _take(self, kind: str) -> _Worker:
+        with self._lock:
+            waiting = self._idle.get(kind, [])
+            while waiting:
+                worker = waiting.pop()
+                if worker.alive:
+                    return worker
+                worker.end()
+        return self._start(kind)
+
+    def _start(self, kind: str) -> _Worker:
+        return _Worker(kind, self._memory, self._seconds)
+
+    def _put_back(self, worker: _Worker) -> None:
+        with self._lock:
+            waiting = self._idle.setdefault(worker.kind, [])
+            if not self._closed and len(waiting) < MOST_IDLE:
+                waiting.append(worker)
+                return
+        worker.end()

@@ -1,0 +1,158 @@
+"""What can be asked of a session's past? Every iteration, read out as it was when it was made.
+
+The newest is there at once; an older one is read from the recording.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from app.history import History, Row
+from app.problems import HttpProblem
+from app.snapshot import Snapshot, snapshot
+from pmpnbp.errors import RecordingError
+from pmpnbp.inference.problem import Problem
+
+# Problems kept, of the stretches between two changes.
+PROBLEMS = 3
+
+
+class Past:
+    """The iterations of session `id` that are in its recording. Thread-safe.
+
+    options : `method`, `max_std` and `truth` as `snapshot.snapshot` takes them
+    """
+
+    def __init__(self, id: str, history: History, options: Callable[[], dict[str, Any]]) -> None:
+        self._id = id
+        self._history = history
+        self._options = options
+        self._lock = threading.Lock()
+        self._loading = threading.Lock()
+        self._snapshot: Snapshot | None = None
+        self._row: Row | None = None
+        self._problems: dict[int, Problem] = {}
+        self._changes_after: list[int] = []
+        # why the recording cannot be read, or None
+        self.damage: str | None = None
+
+    def recover(self) -> list[str]:
+        """Take up what the recording has; the notes of its changes. Raises RecordingError where it is lost."""
+        self._row = self._history.row(self._history.mend())
+        found = self._history.changes()
+        self._changes_after = [change.after_iteration for change in found]
+        return [change.note for change in found]
+
+    def begin(self, made: Snapshot) -> None:
+        """The recording has been begun anew, with iteration 0."""
+        with self._lock:
+            self._changes_after, self._problems, self.damage = [], {0: made.problem}, None
+            self._snapshot, self._row = made, made.row
+
+    def announce(self, made: Snapshot) -> None:
+        """An iteration is in the recording."""
+        with self._lock:
+            self._snapshot, self._row = made, made.row
+
+    def changed(self, after: int, problem: Problem) -> None:
+        """Iterations beyond `after` are made with `problem`."""
+        with self._lock:
+            self._changes_after.append(after)
+            self._keep(len(self._changes_after), problem)
+
+    @property
+    def changes(self) -> int:
+        """How many changes there were."""
+        return len(self._changes_after)
+
+    @property
+    def row(self) -> Row:
+        """The newest iteration's row, without waiting; `iteration` is None where there is none."""
+        return self._row or {"iteration": None, "converged": False, "certain": False}
+
+    @property
+    def iteration(self) -> int:
+        """The newest iteration."""
+        return int(self.row["iteration"] or 0)
+
+    @property
+    def present(self) -> Snapshot | None:
+        """The newest iteration, where it is in memory."""
+        return self._snapshot
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The newest iteration. HttpProblem 409 where the recording is damaged."""
+        found = self._snapshot
+        if found is None:
+            self.check()
+            with self._loading:
+                found = self._snapshot
+                if found is None:
+                    found = self._read(self.iteration)
+                    with self._lock:
+                        # else another one was made meanwhile
+                        self._snapshot = self._snapshot or found
+        return found
+
+    def read(self, iteration: int | None) -> Snapshot:
+        """An iteration; None for the newest. HttpProblem 404, 409."""
+        newest = self.snapshot
+        if iteration is None or iteration == newest.iteration:
+            return newest
+        if not 0 <= iteration < newest.iteration:
+            raise HttpProblem(
+                404, f"iteration {iteration} of session '{self._id}' is not here; it has 0 to {newest.iteration}"
+            )
+        try:
+            return self._read(iteration)
+        except RecordingError as error:
+            raise HttpProblem(404, str(error)) from None
+
+    def rows(self, after: int = -1) -> list[str]:
+        """The rows, JSON, of the iterations beyond `after`. HttpProblem 409 where the recording is damaged."""
+        self.check()
+        return self._history.rows(after)
+
+    def copy_to(self, path: Path) -> None:
+        """A consistent copy of the recording, also of a damaged one where it can be copied. HttpProblem 409."""
+        try:
+            self._history.copy_to(path)
+        except sqlite3.DatabaseError:
+            self.check()
+            raise
+
+    def problem(self, iteration: int) -> Problem:
+        """What an iteration was, or will be, made with."""
+        number = sum(after < iteration for after in self._changes_after)
+        found = self._problems.get(number)
+        if found is None:
+            found = self._history.problem(iteration)
+            with self._lock:
+                self._keep(number, found)
+        return found
+
+    def next_change(self, iteration: int) -> int:
+        """The iteration that a change made after `iteration` belongs to: behind the changes there are."""
+        return max([iteration, *self._changes_after])
+
+    def check(self) -> None:
+        """HttpProblem 409 where the recording is damaged."""
+        if self.damage is not None:
+            raise HttpProblem(409, f"session '{self._id}' is failed: {self.damage}; only reset or delete helps")
+
+    def _keep(self, number: int, problem: Problem) -> None:
+        self._problems[number] = problem
+        while len(self._problems) > PROBLEMS:
+            del self._problems[next(iter(self._problems))]
+
+    def _read(self, iteration: int) -> Snapshot:
+        report, row = self._history.report(iteration)
+        return snapshot(
+            self.problem(iteration), report, converged=row["converged"], elapsed=row["elapsed"], event=row["event"],
+            **self._options(),
+        )  # fmt: skip

@@ -1,0 +1,170 @@
+"""How does a call fail? As `application/problem+json` (RFC 9457), one sentence in `detail`, never a traceback.
+
+Routes raise HttpProblem, or let the library's PmpnbpError pass (422); `install` sees to the rest. `responses` documents
+the statuses of a route.
+"""
+
+from __future__ import annotations
+
+import http
+import json
+import logging
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel, Field
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from pmpnbp.errors import PmpnbpError
+
+MEDIA_TYPE = "application/problem+json"
+
+_log = logging.getLogger("pmpnbp.server")
+
+# What a status means here, in the words of the document at /docs.
+MEANINGS: Mapping[int, str] = {
+    400: "The request is malformed.",
+    401: "The token is missing or wrong.",
+    403: "The request comes from a page of another origin, or names another host.",
+    404: "It is not here; the detail says what there is.",
+    405: "The path is here, but not for this method.",
+    408: "The client stopped sending before its upload was whole.",
+    409: "The present state does not allow it; the detail names the state.",
+    413: "Larger than this server takes.",
+    415: "The body is of another media type than the call takes.",
+    422: "Well-formed, but not acceptable; the detail says what came and what was expected.",
+    429: "Too many requests, sessions or clients; try again after `Retry-After` seconds.",
+    500: "A fault of the server.",
+    503: "Not ready yet.",
+    507: "The data directory is full; nothing was changed.",
+}
+
+
+class Problem(BaseModel):
+    """The body of every failed call, RFC 9457."""
+
+    type: str = Field("about:blank", description="URI of the kind of problem; about:blank: the status says it all")
+    title: str = Field(description="the kind of problem, in a few words", examples=["Not Found"])
+    status: int = Field(description="the HTTP status once more", examples=[404], ge=400, le=599)
+    detail: str = Field(
+        description="one sentence: what came, what was expected, what is available",
+        examples=["session 'x' is not here; there are 2 sessions"],
+    )
+
+
+class HttpProblem(Exception):
+    """A call that cannot be done. `detail` is one sentence, fit to be shown to a user as it stands."""
+
+    def __init__(
+        self, status: int, detail: str, *, title: str | None = None, headers: Mapping[str, str] | None = None
+    ) -> None:
+        super().__init__(detail)
+        self.status = status
+        self.detail = detail
+        self.title = title or http.HTTPStatus(status).phrase
+        self.headers = dict(headers or {})
+
+
+def problem_response(problem: HttpProblem) -> Response:
+    """`problem` as a response."""
+    body = {"type": "about:blank", "title": problem.title, "status": problem.status, "detail": problem.detail}
+    text = json.dumps(body, ensure_ascii=False, allow_nan=False)
+    # "replace": half a surrogate pair in what came must not break the answer that quotes it
+    return Response(text.encode("utf-8", "replace"), problem.status, problem.headers, MEDIA_TYPE)
+
+
+def responses(*statuses: int, **details: str) -> dict[int | str, dict[str, Any]]:
+    """Documentation of failures for a route: `responses=responses(404, 409)`.
+
+    Statuses that every call can have (400, 401, 403, 422, 429, 500) are added by the server. A meaning of a route's own
+    goes into `details`: `responses(404, status_409="the session is running")`.
+    """
+    texts = {status: MEANINGS.get(status, http.HTTPStatus(status).phrase) for status in statuses}
+    texts |= {int(name.removeprefix("status_")): text for name, text in details.items()}
+    content = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
+    return {status: {"description": text, "content": content} for status, text in sorted(texts.items())}
+
+
+def install(app: FastAPI) -> None:
+    """Make every failure of `app` a problem."""
+    app.add_exception_handler(HttpProblem, _of_problem)
+    app.add_exception_handler(PmpnbpError, _of_bad_input)
+    app.add_exception_handler(RequestValidationError, _of_validation)
+    app.add_exception_handler(HTTPException, _of_http_exception)
+    app.add_middleware(Unexpected)
+
+
+class Unexpected:
+    """Turns what nobody expected into a 500 and a line in the log; the client learns nothing of the inside."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass on; answer 500 where the response had not begun."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        begun = False
+
+        async def watched(message: Message) -> None:
+            nonlocal begun
+            begun = True
+            await send(message)
+
+        try:
+            await self._app(scope, receive, watched)
+        except Exception:
+            _log.exception("%s %s failed", scope["method"], scope["path"])
+            if begun:
+                raise  # half an answer is out: the server can only break the connection
+            await problem_response(HttpProblem(500, "internal error"))(scope, receive, send)
+
+
+def _of_problem(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HttpProblem)
+    return problem_response(error)
+
+
+def _of_bad_input(request: Request, error: Exception) -> Response:
+    return problem_response(HttpProblem(422, str(error)))
+
+
+def _of_http_exception(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    detail = str(error.detail)
+    if error.status_code == 404 and detail == "Not Found":
+        detail = f"nothing is at '{request.url.path}'; the calls are described at /docs"
+    elif error.status_code == 405:
+        allowed = (error.headers or {}).get("Allow", "other methods")
+        detail = f"'{request.url.path}' does not take {request.method}; it takes {allowed}"
+    return problem_response(HttpProblem(error.status_code, detail, headers=error.headers))
+
+
+def _of_validation(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    first = error.errors()[0]
+    if first["type"] == "json_invalid":
+        reason = first.get("ctx", {}).get("error", "it does not parse")
+        return problem_response(HttpProblem(400, f"the body is not JSON: {reason}"))
+    more = len(error.errors()) - 1
+    also = f", and {more} more like this" if more else ""
+    return problem_response(HttpProblem(422, f"{_place(first['loc'])}: {_reason(first)}{also}"))
+
+
+def _place(location: Sequence[int | str]) -> str:
+    """("body", "roi", 2) as `roi[2] in the body`."""
+    where, *path = location
+    name = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path).lstrip(".")
+    return f"{name} in the {where}" if name else f"the {where}"
+
+
+def _reason(found: Mapping[str, Any]) -> str:
+    text = str(found["msg"]).removeprefix("Value error, ")
+    text = text[:1].lower() + text[1:]
+    given = found.get("input")
+    return f"{text}, not {given!r}" if isinstance(given, int | float | str) and len(str(given)) <= 80 else text

@@ -1,0 +1,93 @@
+"""How much may one client ask, and how many may be connected? Refusals are 429 and say when to come back.
+
+A client is an address. Each has a bucket of permits that fills at `requests_per_second` and holds two seconds' worth,
+so a page that loads twenty things at once is served, and a loop without a pause is slowed down.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter, OrderedDict
+
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.problems import HttpProblem, problem_response
+from app.server_config import ServerConfig
+
+BURST_SECONDS = 2.0
+# Buckets kept: the one unused for longest goes first, which is full again by then.
+REMEMBERED_CLIENTS = 10_000
+# An orchestrator's probes must not fail because others are busy.
+EXEMPT = ("/healthz", "/readyz")
+
+
+class Buckets:
+    """A bucket of permits per client. Used from the event loop alone."""
+
+    def __init__(self, per_second: float) -> None:
+        self._rate = per_second
+        self._size = max(1.0, per_second * BURST_SECONDS)
+        self._levels: OrderedDict[str, tuple[float, float]] = OrderedDict()
+
+    def take(self, client: str, now: float) -> float:
+        """Take a permit: 0 where there was one, else the seconds until there is."""
+        level, since = self._levels.pop(client, (self._size, now))
+        level = min(self._size, level + (now - since) * self._rate)
+        wait = 0.0 if level >= 1.0 else (1.0 - level) / self._rate
+        self._levels[client] = (level - 1.0 if wait == 0.0 else level, now)
+        if len(self._levels) > REMEMBERED_CLIENTS:
+            self._levels.popitem(last=False)
+        return wait
+
+
+class Traffic:
+    """What came and what goes on, for /metrics."""
+
+    def __init__(self) -> None:
+        self.requests: Counter[tuple[str, int]] = Counter()
+        self.connected = 0
+
+
+class RateLimit:
+    """Middleware: counts, and refuses what is too much."""
+
+    def __init__(self, app: ASGIApp, config: ServerConfig, traffic: Traffic) -> None:
+        self._app = app
+        self._config = config
+        self._traffic = traffic
+        self._buckets = Buckets(config.requests_per_second)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass on, or answer 429."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+
+        async def counted(message: Message) -> None:
+            if message["type"] in ("http.response.start", "websocket.http.response.start"):
+                self._traffic.requests[scope.get("method", "WEBSOCKET"), message["status"]] += 1
+            elif message["type"] == "websocket.accept":
+                self._traffic.requests["WEBSOCKET", 101] += 1
+            await send(message)
+
+        problem = None if scope["path"] in EXEMPT else self._objection(scope)
+        if problem is not None:
+            await problem_response(problem)(scope, receive, counted)
+            return
+        self._traffic.connected += 1
+        try:
+            await self._app(scope, receive, counted)
+        finally:
+            self._traffic.connected -= 1
+
+    def _objection(self, scope: Scope) -> HttpProblem | None:
+        client = scope["client"][0] if scope.get("client") else ""
+        wait = self._buckets.take(client, time.monotonic())
+        if wait > 0:
+            detail = f"more than {self._config.requests_per_second:g} requests a second came from this client"
+            return HttpProblem(429, detail, headers={"Retry-After": str(math.ceil(wait))})
+        if self._traffic.connected >= self._config.max_clients:
+            detail = f"{self._config.max_clients} clients are connected already, which is all this server takes"
+            return HttpProblem(429, detail, headers={"Retry-After": "5"})
+        return None

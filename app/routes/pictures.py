@@ -1,0 +1,68 @@
+"""The estimate as a picture over the scan, for whoever has no browser."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Query, Request, Response
+
+from app.part_images import DrawingError
+from app.pictures import LONGEST, Pictures
+from app.problems import HttpProblem, responses
+from app.sessions import Sessions
+from app.store import Store
+from pmpnbp.readout.estimate import agreeing
+
+router = APIRouter(prefix="/api/v1", tags=["results"])
+
+NARROWEST = 32
+_PICTURE: dict[int | str, dict[str, Any]] = {
+    200: {"description": "The picture.", "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}}}
+}
+
+
+@router.get(
+    "/sessions/{session_id}/estimate.png",
+    response_class=Response,
+    operation_id="get_estimate_picture",
+    summary="The estimate drawn over a scan",
+    description="The scan's depth in greys as its camera sees it, nearer is lighter, and over it the parts where the "
+    "estimate has them, one colour each; where something stands in front of a part only a tint of it is drawn.",
+    responses=_PICTURE | responses(404, 409, status_503="This machine has no OpenGL to draw with."),
+)
+def get_estimate_picture(
+    request: Request,
+    session_id: Annotated[str, Path(description="id of the session")],
+    iteration: Annotated[int | None, Query(ge=0, description="number of the iteration; default: the newest")] = None,
+    view: Annotated[int, Query(ge=0, description="which of the session's scans, counted from 0")] = 0,
+    width: Annotated[
+        int | None,
+        Query(
+            ge=NARROWEST,
+            le=LONGEST,
+            description="pixels; default: the camera's. At most the camera's, or 640 where that is less; what is more "
+            "is drawn at that width",
+        ),
+    ] = None,
+) -> Response:
+    """Draw it, or find it drawn."""
+    sessions: Sessions = request.app.state.sessions
+    store: Store = request.app.state.store
+    pictures: Pictures = request.app.state.pictures
+    session = sessions.get(session_id)
+    made = session.read(iteration)
+    scans = session.status()["scan_ids"]
+    if view >= len(scans):
+        raise HttpProblem(404, f"view {view} of session '{session_id}' is not here; it has 0 to {len(scans) - 1}")
+    # an event's number is never used again, while iterations count anew after a reset
+    name = (session_id, made.row["event"], scans[view], width)
+    picture = pictures.kept(name)
+    if picture is None:
+        model = made.problem.mrf.model
+        part_poses = model.part_poses(*agreeing(made.problem, made.report))
+        try:
+            picture = pictures.draw(store.load_scan(scans[view]), model, part_poses, width, scan_name=scans[view])
+        except DrawingError as error:
+            raise HttpProblem(503, str(error)) from None
+        pictures.keep(name, picture)
+    return Response(picture, media_type="image/png")

@@ -1,0 +1,119 @@
+"""Recordings that were made elsewhere, uploaded to be looked at."""
+
+from __future__ import annotations
+
+from pathlib import PurePath
+from typing import Any
+
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import FileResponse
+from pydantic import Field
+
+from app.problems import responses
+from app.routes.entries import IF_NONE_MATCH, Stored, created, form, unchanged_or
+from app.store import Store, safe_name
+from app.uploads import Uploads, etag, unchanged
+
+router = APIRouter(prefix="/api/v1", tags=["recordings"])
+
+MEDIA_TYPE = "application/vnd.sqlite3"
+FILE: dict[int | str, dict[str, Any]] = {
+    **IF_NONE_MATCH,
+    200: {
+        **IF_NONE_MATCH[200],
+        "description": "The file.",
+        "content": {MEDIA_TYPE: {"schema": {"type": "string", "format": "binary"}}},
+    },
+}
+
+
+class Recording(Stored):
+    """An uploaded recording."""
+
+    model: str = Field(description="name of its model", examples=["cabinet"])
+    method: str = Field(description="pmpnbp or particle_filter", examples=["pmpnbp"])
+    particles: int = Field(description="of each part", examples=[400])
+    seed: int = Field(description="of its random numbers", examples=[0])
+    parts: list[str] = Field(description="nodes of the Markov random field", examples=[["frame", "drawer1"]])
+    scans: int = Field(description="how many views it holds", examples=[1])
+    iterations: int = Field(description="how many iterations can be read", examples=[101])
+    first_iteration: int = Field(description="the first that is recorded", examples=[0])
+    last_iteration: int = Field(description="the last that is recorded", examples=[100])
+    notes: list[str] = Field(description="what its writer had to say")
+
+
+@router.post(
+    "/recordings",
+    status_code=201,
+    response_model=Recording,
+    operation_id="create_recording",
+    summary="Upload a recording",
+    description="The file that `pmpnbp estimate --recording` or a session's download gives.",
+    responses=created(Recording) | responses(408, 409, 413, 415, 507),
+    openapi_extra=form("the recording, one SQLite file"),
+)
+async def create_recording(request: Request, response: Response) -> Any:
+    """Take in the form's part `file`."""
+    uploads: Uploads = request.app.state.uploads
+    return await uploads.take_in(request, response, "recordings")
+
+
+@router.get(
+    "/recordings",
+    response_model=list[Recording],
+    operation_id="list_recordings",
+    summary="All uploaded recordings",
+    description="Oldest first. Those of sessions are not among them.",
+)
+def list_recordings(request: Request) -> Any:
+    """Every uploaded recording's document."""
+    store: Store = request.app.state.store
+    return store.recordings()
+
+
+@router.get(
+    "/recordings/{recording_id}",
+    response_model=Recording,
+    operation_id="get_recording",
+    summary="One uploaded recording",
+    description="Never changes, as its ETag says: ask with If-None-Match.",
+    responses=IF_NONE_MATCH | responses(404),
+)
+def get_recording(recording_id: str, request: Request, response: Response) -> Any:
+    """An uploaded recording's document, or 304."""
+    store: Store = request.app.state.store
+    return unchanged_or(request, response, store.recording(recording_id))
+
+
+@router.get(
+    "/recordings/{recording_id}/file",
+    response_class=FileResponse,
+    operation_id="download_recording",
+    summary="Download an uploaded recording",
+    description="The SQLite file, byte for byte as it was uploaded.",
+    responses=FILE | responses(404),
+)
+def download_recording(recording_id: str, request: Request) -> Response:
+    """The file of an uploaded recording."""
+    store: Store = request.app.state.store
+    document = store.recording(recording_id)
+    if unchanged(request, document):
+        return Response(status_code=304, headers={"ETag": etag(document)})
+    name = PurePath(safe_name(document["file_name"])).stem + ".sqlite"
+    return FileResponse(
+        store.recording_path(recording_id), media_type=MEDIA_TYPE, filename=name, headers={"ETag": etag(document)}
+    )
+
+
+@router.delete(
+    "/recordings/{recording_id}",
+    status_code=204,
+    operation_id="delete_recording",
+    summary="Delete an uploaded recording",
+    responses=responses(404),
+)
+def delete_recording(recording_id: str, request: Request) -> Response:
+    """Forget an uploaded recording."""
+    store: Store = request.app.state.store
+    store.delete_recording(recording_id)
+    return Response(status_code=204)

@@ -1,0 +1,281 @@
+"""Results: what a session has found, at any of its iterations."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from pathlib import Path as FilePath
+from tempfile import mkstemp
+from typing import Annotated, Any, Literal
+
+import anyio.to_thread
+import numpy as np
+from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi.responses import FileResponse
+from starlette.background import BackgroundTask
+
+from app import schemas
+from app.json_text import json_bytes
+from app.landing import full_disk_as_problem
+from app.particle_files import MEDIA_TYPES, Format, written
+from app.problems import HttpProblem, responses
+from app.session import Session
+from app.sessions import Sessions
+from app.snapshot import Snapshot
+from app.store import safe_name
+from pmpnbp.geometry import poses
+from pmpnbp.readout.estimate import link_particles, parts_of_links
+
+router = APIRouter(prefix="/api/v1", tags=["results"])
+
+SessionId = Annotated[str, Path(description="id of the session")]
+Iteration = Annotated[
+    int | None, Query(ge=0, le=2**31, description="number of the iteration, 0 is the start; default: the newest")
+]
+FormatQuery = Annotated[
+    Format,
+    Query(
+        alias="format",
+        description="json; npz with the arrays `particles` and `log_weights`; ply, a vertex with x y z qw qx qy qz "
+        "log_weights each",
+    ),
+]
+Wait = Literal["certain", "converged", "idle"]
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+_FILES = {"application/octet-stream": _BINARY}
+
+
+def _session(request: Request, id: str) -> Session:
+    sessions: Sessions = request.app.state.sessions
+    return sessions.get(id)
+
+
+@router.get(
+    "/sessions/{session_id}/estimate",
+    response_class=Response,
+    operation_id="get_estimate",
+    summary="Where every link is, and how sure that is",
+    description="result.json with `session_id` and `state`. With `wait` the answer comes as soon as that is so, or the "
+    "session does not iterate, or the time is over; the answer itself tells which.",
+    responses=schemas.answer("The estimate.", model=schemas.Estimate) | responses(404, 409),
+)
+async def get_estimate(
+    session_id: SessionId,
+    request: Request,
+    iteration: Iteration = None,
+    wait: Annotated[Wait | None, Query(description="what to wait for; with `iteration` nothing is waited for")] = None,
+    timeout: Annotated[float, Query(ge=0, le=600, description="seconds to wait, at most")] = 30.0,
+) -> Response:
+    """The newest at once, from memory; all else in a thread."""
+    session = _session(request, session_id)
+    made = session.present
+    if made is None or iteration is not None or wait is not None:
+        made = await anyio.to_thread.run_sync(_found, session, iteration, wait, timeout)
+    tail = json_bytes({"session_id": session.id, "state": session.state})
+    return Response(made.result_text[:-1] + b"," + tail[1:], media_type="application/json")
+
+
+def _found(session: Session, iteration: int | None, wait: Wait | None, timeout: float) -> Snapshot:
+    if wait is not None and iteration is None:
+        _await(session, wait, timeout)
+    return session.read(iteration)
+
+
+def _await(session: Session, wait: Wait, timeout: float) -> None:
+    told = threading.Event()
+    end = session.events.listen(told.set)
+    try:
+        until = time.monotonic() + timeout
+        while not (session.idle or session.events.closed or _so(session, wait)):
+            left = until - time.monotonic()
+            if left <= 0:
+                return
+            told.wait(left)
+            told.clear()
+    finally:
+        end()
+
+
+def _so(session: Session, wait: Wait) -> bool:
+    progress = session.progress()
+    return wait != "idle" and bool(progress[wait])
+
+
+@router.get(
+    "/sessions/{session_id}/beliefs/{link}",
+    response_class=Response,
+    operation_id="get_belief",
+    summary="The belief about a link",
+    description="Its particles: poses of the link in world, metres, with log weights. Links that move as one part have "
+    "the part's particles, carried to each of them.",
+    responses=schemas.answer("The particles.", model=schemas.BeliefParticles, content=_FILES)
+    | responses(409, status_404="The session, the link or the iteration is not here."),
+)
+def get_belief(
+    session_id: SessionId,
+    link: Annotated[str, Path(description="name of the link")],
+    request: Request,
+    iteration: Iteration = None,
+    form: FormatQuery = "json",
+) -> Response:
+    """The particles."""
+    session = _session(request, session_id)
+    made = session.read(iteration)
+    model, belief = made.problem.mrf.model, made.report.belief
+    _check_links(made, [link])
+    node = parts_of_links(model)[link]
+    particles = link_particles(made.problem, made.report)[:, model.links.index(link)]
+    members = _members(session, made) | {"link": link, "part": model.parts[node].name}
+    columns = {"log_weights": belief.log_weights[node], "log_unary": belief.log_unary[node]}
+    return _file(f"{link}-{made.iteration}", written(members, particles, columns, form), form)
+
+
+@router.get(
+    "/sessions/{session_id}/messages/{sender}/{receiver}",
+    response_class=Response,
+    operation_id="get_message",
+    summary="What one part says about another",
+    description="The message between two parts that a joint connects: poses of the receiver's link in world, metres, "
+    "with log weights. A part is named by any of its links. Iterations of the search send no messages.",
+    responses=schemas.answer("The particles.", model=schemas.MessageParticles, content=_FILES)
+    | responses(409, status_404="The session, a link or the iteration is not here, or no message goes there."),
+)
+def get_message(
+    session_id: SessionId,
+    sender: Annotated[str, Path(description="name of a link of the part that says it")],
+    receiver: Annotated[str, Path(description="name of the link that it is about")],
+    request: Request,
+    iteration: Iteration = None,
+    form: FormatQuery = "json",
+) -> Response:
+    """The particles."""
+    session = _session(request, session_id)
+    made = session.read(iteration)
+    parts, messages = made.problem.mrf.model.parts, made.report.messages
+    _check_links(made, [sender, receiver])
+    if messages is None:
+        raise HttpProblem(404, f"iteration {made.iteration} ({made.report.stage}) has no messages")
+    ends = [next((n for n, part in enumerate(parts) if link in part.links), None) for link in (sender, receiver)]
+    found = [
+        number
+        for number, pair in enumerate(zip(messages.sender.tolist(), messages.receiver.tolist(), strict=True))
+        if list(pair) == ends
+    ]
+    if not found:
+        known = [f"{parts[s].name} to {parts[r].name}" for s, r in zip(messages.sender, messages.receiver, strict=True)]
+        raise HttpProblem(
+            404, f"no message goes from '{sender:.60}' to '{receiver:.60}'; there are {', '.join(known) or 'none'}"
+        )
+    number, (source, target) = found[0], (int(messages.sender[found[0]]), int(messages.receiver[found[0]]))
+    part = parts[target]
+    particles = poses.multiply(messages.poses[number], part.poses_part_link[part.links.index(receiver)])
+    members = _members(session, made) | {"from": parts[source].name, "to": part.name, "link": receiver}
+    columns = {
+        "log_weights": messages.log_weights[number],
+        "log_unary": messages.log_unary[number],
+        "log_neighbour": messages.log_neighbour[number],
+    }
+    return _file(f"{sender}-{receiver}-{made.iteration}", written(members, particles, columns, form), form)
+
+
+@router.get(
+    "/sessions/{session_id}/trace",
+    response_class=Response,
+    operation_id="get_trace",
+    summary="All iterations at a glance",
+    description="Per iteration: seconds, effective sample size by part, log-likelihood, standard deviations by link "
+    "(metres), and ADD by part (metres) where the truth is known.",
+    responses=schemas.answer("The trace.", model=schemas.Trace) | responses(404, 409),
+)
+def get_trace(
+    session_id: SessionId,
+    request: Request,
+    after: Annotated[int, Query(ge=-1, le=2**31, description="only iterations beyond this one")] = -1,
+) -> Response:
+    """The rows as they were recorded."""
+    session = _session(request, session_id)
+    rows = ",".join(session.rows(after))
+    head = json_bytes({"session_id": session.id})[:-1].decode()
+    return Response(f'{head},"iterations":[{rows}]}}'.encode(), media_type="application/json")
+
+
+@router.get(
+    "/sessions/{session_id}/decision",
+    response_model=schemas.Decision,
+    operation_id="get_decision",
+    summary="Act, or look again?",
+    description="act where every asked link's std_xyz is at most max_std along each axis, by the newest iteration.",
+    responses=responses(409, status_404="The session or a link is not here."),
+)
+def get_decision(
+    session_id: SessionId,
+    request: Request,
+    links: Annotated[
+        str | None, Query(description="names of the links, separated by commas; default: all", examples=["drawer3"])
+    ] = None,
+    max_std: Annotated[
+        float | None, Query(gt=0, le=1e6, description="metres; default: the session's", examples=[0.0025])
+    ] = None,
+) -> Any:
+    """Decide by the belief's covariance."""
+    session = _session(request, session_id)
+    made = session.read()
+    asked = [*made.result["links"]] if links is None else list(dict.fromkeys(links.split(",")))
+    _check_links(made, asked)
+    limit = made.result["max_std"] if max_std is None else max_std
+    blocking = [link for link in asked if not np.all(np.array(made.result["links"][link]["std_xyz"]) <= limit)]
+    return {
+        "session_id": session.id, "iteration": made.iteration, "action": "look" if blocking else "act",
+        "certain": not blocking, "max_std": limit, "links": asked, "blocking": blocking, "views": [],
+    }  # fmt: skip
+
+
+@router.get(
+    "/sessions/{session_id}/recording",
+    response_class=FileResponse,
+    operation_id="get_recording_of_session",
+    summary="The session as a file",
+    description="A consistent copy, also while the session runs: model, scans, settings and every iteration so far. "
+    "POST /api/v1/recordings takes it, and `pmpnbp view` opens it.",
+    responses=schemas.answer("A SQLite file.", content={"application/vnd.sqlite3": _BINARY}) | responses(404, 409, 507),
+)
+def get_recording_of_session(session_id: SessionId, request: Request) -> FileResponse:
+    """Copy, send, forget the copy."""
+    session = _session(request, session_id)
+    with full_disk_as_problem():
+        handle, name = mkstemp(suffix=".download", dir=request.app.state.store.root / "incoming")
+    copy = FilePath(name)
+    try:
+        os.close(handle)
+        session.copy_recording(copy)
+    except BaseException:
+        copy.unlink(missing_ok=True)
+        raise
+    title = safe_name(f"{session.status()['name'] or session.id}.sqlite")
+    return FileResponse(
+        copy, media_type="application/vnd.sqlite3", filename=title,
+        background=BackgroundTask(copy.unlink, missing_ok=True),
+    )  # fmt: skip
+
+
+def _members(session: Session, made: Snapshot) -> dict[str, Any]:
+    return {
+        "session_id": session.id,
+        "iteration": made.iteration,
+        "frame_id": made.problem.observation.frame_id,
+    }
+
+
+def _check_links(made: Snapshot, links: list[str]) -> None:
+    known = made.result["links"]
+    for link in links:
+        if link not in known:
+            raise HttpProblem(404, f"link '{link:.60}' is not in the model; it has {', '.join(known)}")
+
+
+def _file(stem: str, content: bytes, form: Format) -> Response:
+    headers = {}
+    if form != "json":
+        headers["Content-Disposition"] = f'attachment; filename="{safe_name(f"{stem}.{form}")}"'
+    return Response(content, media_type=MEDIA_TYPES[form], headers=headers)

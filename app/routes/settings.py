@@ -1,0 +1,58 @@
+"""What can be set about an estimate? Every entry of `pmpnbp.settings`, as `config` of a session takes it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from typing import Any
+
+from fastapi import APIRouter
+from pydantic import BaseModel, Field
+
+from pmpnbp.settings import Settings
+
+router = APIRouter(prefix="/api/v1", tags=["settings"])
+
+
+class Setting(BaseModel):
+    """One entry."""
+
+    name: str = Field(description="its name in a session's `config`", examples=["tolerance_end"])
+    kind: str = Field(description='"boolean", "integer", "number" or "string"', examples=["number"])
+    default: bool | int | float | str = Field(description="value of the preset `robust`", examples=[0.012])
+    paper: bool | int | float | str = Field(description="value of the preset `paper`", examples=[0.012])
+    unit: str = Field(description="its unit; empty for a plain number or a choice", examples=["m"])
+    help: str = Field(description="one line", examples=["distance at which a pixel stops to be explained, annealed"])
+    low: float | None = Field(description="smallest value allowed; null: no limit, or no number", examples=[0.0001])
+    choices: list[str] = Field(description="values allowed; empty: no list", examples=[[]])
+
+
+class AllSettings(BaseModel):
+    """Every setting and preset."""
+
+    presets: list[str] = Field(description="values that `preset` in a `config` takes", examples=[["robust", "paper"]])
+    settings: list[Setting] = Field(description="in the order of the stages they belong to")
+
+
+_KINDS: dict[type, str] = {bool: "boolean", int: "integer", float: "number", str: "string"}
+
+
+@router.get("/settings", summary="Every setting", operation_id="list_settings")
+def list_settings() -> AllSettings:
+    """Name, default, unit and one line of help of everything that a session's `config` takes; lengths are in metres,
+    angles in radians."""
+    defaults: dict[str, Any] = vars(Settings())
+    entries = [
+        Setting(
+            name=entry.name,
+            kind=_KINDS[type(defaults[entry.name])],
+            default=defaults[entry.name],
+            paper=entry.metadata["paper"],
+            unit=entry.metadata["unit"],
+            help=entry.metadata["help"],
+            low=entry.metadata["low"] if math.isfinite(entry.metadata["low"]) else None,
+            choices=list(entry.metadata["choices"]),
+        )
+        for entry in fields(Settings)
+    ]
+    return AllSettings(presets=["robust", "paper"], settings=entries)

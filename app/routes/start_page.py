@@ -1,0 +1,48 @@
+"""The start page and its files: plain HTML, CSS and a script, as they lie in `static/`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from fastapi import APIRouter
+from fastapi.responses import FileResponse
+
+from app.problems import HttpProblem
+
+router = APIRouter(include_in_schema=False)
+
+_PLACES = (Path(__file__).resolve().parents[2] / "static", Path(sys.prefix) / "share" / "pmpnbp" / "static")
+STATIC = next((place for place in _PLACES if (place / "index.html").is_file()), _PLACES[0])
+# What may be asked for, and as what it is sent; nothing else in the folder, and nothing outside it, can be reached.
+MEDIA_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".svg": "image/svg+xml",
+}
+
+
+@router.get("/")
+def start() -> FileResponse:
+    """The list of sessions."""
+    return _file("index.html")
+
+
+@router.get("/favicon.ico")
+def icon() -> FileResponse:
+    """What browsers ask for without being told to."""
+    return _file("icon.svg")
+
+
+@router.get("/static/{name}")
+def static_file(name: str) -> FileResponse:
+    """One of the page's files."""
+    return _file(name)
+
+
+def _file(name: str) -> FileResponse:
+    files = {path.name: path for path in STATIC.iterdir() if path.suffix in MEDIA_TYPES} if STATIC.is_dir() else {}
+    if name not in files:
+        raise HttpProblem(404, f"page file '{name}' is not here; there are {', '.join(sorted(files)) or 'none'}")
+    return FileResponse(files[name], media_type=MEDIA_TYPES[files[name].suffix])

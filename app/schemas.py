@@ -1,0 +1,319 @@
+"""What do calls about sessions take and give? Every member with its unit and frame; /docs is made of this."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Until = Literal["iterations", "converged", "certain"]
+State = Literal["paused", "waiting", "running", "failed"]
+Certain = Annotated[bool, Field(description="whether every std_xyz is at most max_std")]
+Covariance = Annotated[
+    list[float],
+    Field(
+        description="row-major 6x6 over x, y, z (metres) and rotation about fixed X, Y, Z (radians), in world, as "
+        "ROS's PoseWithCovariance",
+        min_length=36, max_length=36,
+    ),
+]  # fmt: skip
+NumberOrAxes = float | list[float]
+
+
+def _plain(value: Any) -> Any:
+    try:
+        json.dumps(value, ensure_ascii=False, allow_nan=False).encode("utf-8")
+    except (ValueError, RecursionError):
+        raise ValueError("it holds a number that is not finite, or text that is no text") from None
+    return value
+
+
+Config = Annotated[
+    dict[str, bool | int | float | str],
+    AfterValidator(_plain),
+    Field(
+        description="settings by name, as GET /api/v1/settings lists them; `preset` (robust, paper) is applied first",
+        examples=[{"anneal_iterations": 10}],
+        max_length=100,
+    ),
+]
+Members = Annotated[dict[str, Any], AfterValidator(_plain)]
+
+
+class Body(BaseModel):
+    """A request's body: members that are not known are refused."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class SessionRequest(Body):
+    """What a session is to look at, and how."""
+
+    model_id: str = Field(description="id of the model", max_length=64, examples=["0123456789abcdef"])
+    scan_ids: list[Annotated[str, Field(max_length=64)]] = Field(
+        description="ids of the scans: views of one scene in one world frame",
+        min_length=1, max_length=32, examples=[["0123456789abcdef"]],
+    )  # fmt: skip
+    name: str | None = Field(None, description="what people call it", max_length=200, examples=["kitchen"])
+    method: Literal["pmpnbp", "particle_filter"] = Field(
+        "pmpnbp", description="how to infer; particle_filter comes with a later version"
+    )
+    particles: int = Field(400, description="particles of each part", ge=2, le=20_000)
+    iterations: int = Field(100, description="iterations that `run` makes where it is told no number", ge=1, le=100_000)
+    seed: int = Field(0, description="the same seed and input give the same numbers", ge=0, le=2**63 - 1)
+    roi: list[Finite] | None = Field(
+        None,
+        description="region of interest x0 y0 z0 x1 y1 z1, metres in world: a box that holds the object; null for all "
+        "that was seen",
+        min_length=6, max_length=6, examples=[[-0.1, -0.2, -0.1, 0.9, 0.7, 0.9]],
+    )  # fmt: skip
+    prior: Members | None = Field(
+        None,
+        description="as prior.json: {kind: uniform, orientation: upright or any}, or {kind: gaussian, link, pose (of "
+        "the link in world, metres, quaternion x y z w), std_xyz (metres), std_rpy (radians about world's axes), "
+        "joints: {NAME: {position, std}} (metres or radians)}; null for upright, anywhere on the scan",
+        examples=[{"kind": "uniform", "orientation": "upright"}],
+    )  # fmt: skip
+    config: Config = Field(default_factory=dict)
+    max_std: Finite = Field(
+        0.0025, description="metres: a link is certain where no element of its std_xyz is above", gt=0
+    )
+    truth: Members | None = Field(
+        None,
+        description="where the links really are, where that is known: {links: {NAME: 4x4 T_world_link, row-major, "
+        "metres}, joints: {NAME: metres or radians}}; the trace then tells the error",
+    )
+
+
+class RunRequest(Body):
+    """How far to iterate."""
+
+    iterations: int | None = Field(
+        None,
+        description="iterations to make from here; without it up to the session's own number, that many where it has "
+        "made them",
+        ge=1, le=100_000, examples=[100],
+    )  # fmt: skip
+    until: Until = Field(
+        "iterations", description="stop before that as soon as the inference is at rest, or every link certain"
+    )
+
+
+class StepRequest(Body):
+    """How many iterations to wait for."""
+
+    iterations: int = Field(1, description="iterations to make", ge=1, le=1000)
+
+
+class ChangeRequest(Body):
+    """Settings to change."""
+
+    config: Config
+
+
+class AddScanRequest(Body):
+    """A further view."""
+
+    scan_id: str = Field(description="id of the scan", max_length=64, examples=["0123456789abcdef"])
+
+
+class Progress(BaseModel):
+    """The part of a session that changes by itself."""
+
+    state: State = Field(
+        description="waiting: wants to iterate, and does as soon as fewer sessions run; failed: see error"
+    )
+    iteration: int | None = Field(description="the newest one; 0 is the start; null where its recording is lost")
+    iterations: int = Field(description="the iteration at which the present or last run ends")
+    until: Until = Field(description="what ends the run before that")
+    converged: bool = Field(description="whether the inference has come to rest")
+    certain: Certain
+    error: str | None = Field(description="one sentence, where it is failed")
+    position: int | None = Field(description="place among those that wait, 1 for the next; null where it does not")
+
+
+class Session(Progress):
+    """A session: a model, scans, and beliefs about where the model's links are."""
+
+    id: str = Field(description="16 hexadecimal digits", examples=["0123456789abcdef"])
+    name: str | None = Field(description="what people call it")
+    view_url: str = Field(description="path of its 3D view", examples=["/sessions/0123456789abcdef/view/"])
+    model_id: str | None = Field(description="id of the model; null where the session's document is damaged")
+    scan_ids: list[str] = Field(description="ids of the scans, those added later too")
+    method: str | None = Field(description="how it infers")
+    particles: int | None = Field(description="particles of each part")
+    seed: int | None = Field(description="of its random numbers")
+    roi: list[float] | None = Field(description="region of interest x0 y0 z0 x1 y1 z1, metres in world")
+    prior: dict[str, Any] | None = Field(description="as prior.json")
+    config: dict[str, Any] = Field(description="settings in force from the next iteration on, as they were given")
+    max_std: float | None = Field(description="metres: a link is certain where no element of its std_xyz is above")
+    created: str | None = Field(description="when it was made, UTC, ISO 8601", examples=["2024-05-01T12:00:00.000Z"])
+
+
+class Position(BaseModel):
+    """A point, metres."""
+
+    x: float = Field(description="metres")
+    y: float = Field(description="metres")
+    z: float = Field(description="metres")
+
+
+class Orientation(BaseModel):
+    """A unit quaternion."""
+
+    x: float = Field(description="the vector part along x")
+    y: float = Field(description="the vector part along y")
+    z: float = Field(description="the vector part along z")
+    w: float = Field(description="the scalar part, not negative", ge=0)
+
+
+class Pose(BaseModel):
+    """pose_world_link: takes the link's coordinates to world."""
+
+    position: Position
+    orientation: Orientation
+
+
+class Mode(BaseModel):
+    """One hypothesis of a link."""
+
+    weight: float = Field(description="its share, 0 to 1")
+    pose: Pose
+    covariance: Covariance
+
+
+class LinkEstimate(BaseModel):
+    """A link of the URDF."""
+
+    pose: Pose
+    covariance: Covariance
+    std_xyz: list[float] = Field(description="standard deviations along world's axes, metres", min_length=3)
+    certain: Certain
+    visible_fraction: float = Field(description="share of its surface towards the camera that was seen, 0 to 1")
+    log_likelihood: float | None = Field(description="natural logarithm of the unary potential at the estimate")
+    modes: list[Mode] = Field(description="hypotheses, heaviest first")
+
+
+class JointEstimate(BaseModel):
+    """A moving joint: metres for slides, radians for turns; planar and floating ones have a list of three or six."""
+
+    type: str = Field(description="revolute, continuous, prismatic, planar or floating")
+    position: NumberOrAxes = Field(description="metres or radians")
+    std: NumberOrAxes = Field(description="standard deviation, metres or radians")
+    lower: NumberOrAxes = Field(description="limit, metres or radians")
+    upper: NumberOrAxes = Field(description="limit, metres or radians")
+    parent: str = Field(description="the link it hangs on")
+    child: str = Field(description="the link it moves")
+
+
+class Estimate(BaseModel):
+    """result.json, with the session it comes from."""
+
+    schema_: str = Field(alias="schema", description="name and version of this form", examples=["pmpnbp/estimate-1"])
+    model: str = Field(description="the model's name")
+    method: str = Field(description="how it was inferred")
+    seed: int = Field(description="of the random numbers")
+    iteration: int = Field(description="the iteration this is of; 0 is the start")
+    converged: bool = Field(description="whether the inference had come to rest")
+    frame_id: str = Field(description="name of the world frame that poses are in", examples=["world"])
+    stamp: float | None = Field(description="of the newest scan, seconds")
+    certain: Certain
+    max_std: float = Field(description="metres, up to which a link is certain")
+    seconds: float = Field(description="wall time of the inference so far")
+    links: dict[str, LinkEstimate] = Field(description="every link of the URDF, by name")
+    joints: dict[str, JointEstimate] = Field(description="every moving joint, by name")
+    truth: dict[str, Any] | None = Field(None, description="errors, where the truth is known: ADD in metres by part")
+    session_id: str = Field(description="the session")
+    state: State = Field(description="what the session was doing when it was asked")
+
+
+class Particles(BaseModel):
+    """Weighted poses."""
+
+    session_id: str = Field(description="the session")
+    iteration: int = Field(description="the iteration they are of")
+    frame_id: str = Field(description="name of the world frame")
+    particles: list[list[float]] = Field(description="x y z qw qx qy qz each, metres, link in world")
+    log_weights: list[float | None] = Field(
+        description="natural logarithms of the weights, which sum to 1; null for a weight of 0"
+    )
+    log_unary: list[float | None] = Field(description="natural logarithm of the unary potential, before tempering")
+
+
+class BeliefParticles(Particles):
+    """The belief about one link."""
+
+    link: str = Field(description="the link")
+    part: str = Field(description="the part it moves with")
+
+
+class MessageParticles(Particles):
+    """What one part says about where another is: poses of the receiver's link."""
+
+    sender: str = Field(alias="from", description="the part that says it")
+    receiver: str = Field(alias="to", description="the part it is about")
+    link: str = Field(description="the link that the poses are of")
+    log_neighbour: list[float | None] = Field(
+        description="natural logarithm of the factor that the sender's other neighbours make"
+    )
+
+
+class TraceRow(BaseModel):
+    """An iteration at a glance."""
+
+    event: int = Field(description="number of its event")
+    iteration: int = Field(description="its number; 0 is the start")
+    stage: str = Field(description="start, search, belief propagation or refine")
+    seconds: float = Field(description="wall time of the iteration")
+    elapsed: float = Field(description="wall time of all so far, with reading them out, seconds")
+    tolerance: float = Field(description="distance at which a pixel stops to be explained, metres")
+    effective_sample_size: dict[str, float | None] = Field(description="by part, particles")
+    log_likelihood: float | None = Field(description="log score of the object as a whole; null where there is none")
+    std_xyz: dict[str, list[float]] = Field(description="by link, standard deviations along world's axes, metres")
+    add: dict[str, float] | None = Field(description="by part, metres (eq. 12); null where the truth is not known")
+    converged: bool = Field(description="whether the inference had come to rest")
+    certain: Certain
+    notes: list[str] = Field(description="what the inference had to remark")
+
+
+class Trace(BaseModel):
+    """All iterations at a glance."""
+
+    session_id: str = Field(description="the session")
+    iterations: list[TraceRow] = Field(description="ascending")
+
+
+class View(BaseModel):
+    """A place to look from."""
+
+    pose: Pose
+    expected_gain_nats: float = Field(description="information that a scan from there is expected to bring")
+    expected_std_xyz: dict[str, list[float]] = Field(description="by link, metres, after such a scan")
+
+
+class Decision(BaseModel):
+    """Whether to act on the estimate."""
+
+    session_id: str = Field(description="the session")
+    iteration: int = Field(description="the iteration this is decided by")
+    action: Literal["act", "look"] = Field(description="act where all asked links are certain, else look again")
+    certain: bool = Field(description="whether all asked links are certain")
+    max_std: float = Field(description="metres, up to which a link is certain")
+    links: list[str] = Field(description="the links that were asked about")
+    blocking: list[str] = Field(description="those of them that are not certain")
+    views: list[View] = Field(description="where to look from next, best first; empty in this version")
+
+
+def answer(
+    description: str,
+    *,
+    status: int = 200,
+    model: type[BaseModel] | None = None,
+    content: dict[str, Any] | None = None,
+    headers: dict[str, Any] | None = None,
+) -> dict[int | str, dict[str, Any]]:
+    """Documentation of what a call answers that goes well, to be joined with `problems.responses`."""
+    given = {"model": model, "content": content, "headers": headers}
+    return {status: {"description": description} | {name: value for name, value in given.items() if value is not None}}

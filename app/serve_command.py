@@ -1,0 +1,118 @@
+"""`pmpnbp serve`: one process, one port, until it is told to stop."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import secrets
+import signal
+import socket
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import fields, replace
+
+import anyio.to_thread
+import uvicorn
+from fastapi import FastAPI
+
+from app.server_config import ServerConfig, config_from
+from pmpnbp.errors import PmpnbpError
+
+OK = 0
+# For requests that are being answered when the server is told to stop; streams end at once.
+STOP_SECONDS = 5
+WEBSOCKET_BYTES = 64 << 20
+
+
+class ServeError(PmpnbpError):
+    """The server cannot listen where it was told to."""
+
+
+class Server(uvicorn.Server):
+    """A server that closes sessions and streams first when it stops, as it would wait for streams without end."""
+
+    def __init__(self, config: uvicorn.Config, app: FastAPI, link: str | None = None) -> None:
+        super().__init__(config)
+        self._app = app
+        self._link = link
+
+    async def startup(self, sockets: Sequence[socket.socket] | None = None) -> None:
+        """Start, and say where."""
+        await super().startup(sockets=list(sockets) if sockets is not None else None)
+        if self.started and self._link is not None:
+            sys.stdout.write(self._link + "\n")
+            sys.stdout.flush()
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Pause and keep sessions, end streams, then connections."""
+        from app.server import end_streams
+
+        await anyio.to_thread.run_sync(end_streams, self._app)
+        await super().shutdown(sockets)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve until SIGTERM or SIGINT; return the exit status. Raises PmpnbpError for settings that cannot be."""
+    config = config_from({entry.name: getattr(arguments, entry.name, None) for entry in fields(ServerConfig)})
+    if config.token is None and not config.loopback:
+        config = replace(config, token=secrets.token_urlsafe(24))
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s: %(name)s: %(message)s", stream=sys.stderr)
+    # Requests are counted at /metrics; at this level each client's would be a line
+    logging.getLogger("httpx").setLevel(logging.WARNING)
+    listening = _listen(config)
+    config = replace(config, port=listening.getsockname()[1])
+    from app.server import close_all, create_app, open_all  # seconds of imports: bad settings are said before
+
+    app = create_app(config)
+    server = server_for(app, config, link(config))
+    # uvicorn raises the signal that stopped it once more when it is done, by then for this handler
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        open_all(app)  # here, not in the server's own start, where a bad data directory would be a traceback
+        with suppress(KeyboardInterrupt):  # it was asked to stop and did: that is no failure
+            server.run(sockets=[listening])
+    finally:
+        close_all(app)
+        listening.close()
+    if not server.started:
+        raise ServeError("the server did not start; the lines above say why")
+    return OK
+
+
+def server_for(app: FastAPI, config: ServerConfig, link: str | None = None) -> Server:
+    """A server for `app` that has not started. link : the line to print once it has."""
+    settings = uvicorn.Config(
+        app,
+        host=config.host,
+        port=config.port,
+        log_level="warning",
+        log_config=None,
+        access_log=False,  # a page's link has the token in it
+        ws_max_size=WEBSOCKET_BYTES,
+        ws_per_message_deflate=False,
+        ws_ping_timeout=60.0,  # a pong waits behind what a slow client has not read yet
+        timeout_graceful_shutdown=STOP_SECONDS,
+        server_header=False,
+    )
+    return Server(settings, app, link)
+
+
+def link(config: ServerConfig) -> str:
+    """Where the page is, with the token where there is one."""
+    host = f"[{config.host}]" if ":" in config.host else config.host
+    return f"http://{host}:{config.port}/" + (f"?token={config.token}" if config.token else "")
+
+
+def _listen(config: ServerConfig) -> socket.socket:
+    """A socket that listens: found out before anything is opened. Raises ServeError."""
+    family = socket.AF_INET6 if ":" in config.host else socket.AF_INET
+    # asyncio sets TCP_NODELAY only where the protocol is named; without it an answer's body waits 40 ms
+    listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((config.host, config.port))
+    except OSError as error:
+        listening.close()
+        raise ServeError(f"the server cannot listen at {config.host}:{config.port}: {error.strerror}") from None
+    return listening

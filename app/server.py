@@ -1,0 +1,133 @@
+"""The server: what it is made of, what happens when it starts and when it stops. Wiring only."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import threading
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import anyio.to_thread
+from fastapi import FastAPI
+
+from app import documentation, problems, warm_up
+from app.pictures import Pictures
+from app.rate_limit import RateLimit, Traffic
+from app.routes import events, health, models, pictures, recordings, results, scans, sessions, settings, start_page
+from app.security import Access, Headers
+from app.server_config import ServerConfig
+from app.sessions import Sessions
+from app.store import Store
+from app.uploads import Uploads
+from app.version import version
+from app.viewer import proxy
+from app.viewer.views import Views
+
+# In the order of the documentation.
+ROUTERS = (
+    models.router,
+    scans.router,
+    sessions.router,
+    results.router,
+    pictures.router,
+    events.router,
+    recordings.router,
+    settings.router,
+    health.router,
+    start_page.router,
+    proxy.router,
+)
+
+_log = logging.getLogger("pmpnbp.server")
+
+
+def create_app(config: ServerConfig) -> FastAPI:
+    """The application for `config`; nothing is opened before it starts."""
+    app = FastAPI(
+        title="pmpnbp",
+        version=version(),
+        lifespan=_life,
+        docs_url=None,
+        redoc_url=None,
+        openapi_url="/openapi.json",
+        redirect_slashes=False,
+    )
+    app.state.config = config
+    app.state.traffic = Traffic()
+    app.state.ready = False
+    app.state.stopping = False
+    app.state.open = False
+
+    problems.install(app)
+    app.add_middleware(Access, config=config)
+    app.add_middleware(RateLimit, config=config, traffic=app.state.traffic)
+    app.add_middleware(Headers)  # added last, so outermost: refusals carry them too
+
+    for router in ROUTERS:
+        app.include_router(router)
+    documentation.install(app)
+    return app
+
+
+@asynccontextmanager
+async def _life(app: FastAPI) -> AsyncIterator[None]:
+    config: ServerConfig = app.state.config
+    # Calls that wait for an estimate hold a thread each; the default of 40 would let them block all others.
+    anyio.to_thread.current_default_thread_limiter().total_tokens = config.max_clients + 40
+    if not app.state.open:
+        await anyio.to_thread.run_sync(open_all, app)
+    threading.Thread(target=_get_ready, args=(app,), name="warm-up", daemon=True).start()
+    try:
+        yield
+    finally:
+        await anyio.to_thread.run_sync(close_all, app)
+
+
+def open_all(app: FastAPI) -> None:
+    """Open the store, and with it every session, paused where it was. Raises PmpnbpError where that cannot be."""
+    config: ServerConfig = app.state.config
+    app.state.store = Store(config.data_dir, config.max_disk_bytes)
+    app.state.uploads = Uploads(app.state.store, config)
+    app.state.sessions = Sessions(app.state.store, config)
+    app.state.sessions.restore()
+    app.state.pictures = Pictures()
+    app.state.views = Views(limit=config.max_clients)
+    app.state.open = True
+
+
+def end_streams(app: FastAPI) -> None:
+    """Pause and keep every session, which ends its event streams; end the 3D views. A second time does nothing."""
+    app.state.ready = False
+    if not app.state.stopping:
+        app.state.stopping = True
+        app.state.sessions.close()
+        app.state.views.close()
+
+
+def close_all(app: FastAPI) -> None:
+    """End what streams, then close what answers the last calls. A second time does nothing."""
+    if app.state.open:
+        app.state.open = False
+        end_streams(app)
+        app.state.uploads.close()
+        app.state.pictures.close()
+        app.state.store.close()
+
+
+def _get_ready(app: FastAPI) -> None:
+    """Compile kernels or load them from disk; then the sample session, where it was asked for."""
+    try:
+        app.state.uploads.warm()
+        _kernels()
+        app.state.ready = not app.state.stopping
+        if app.state.config.demo and app.state.ready:
+            app.state.sessions.demo()
+    except Exception:
+        _log.exception("the server does not get ready")
+
+
+@functools.cache
+def _kernels() -> None:
+    """Once for the process, however many servers run in it."""
+    warm_up.run()

@@ -1,0 +1,399 @@
+"""A session's life: commands wait in a queue, one thread works them off and iterates, and the newest snapshot is there
+to be read at any time without waiting for it.
+
+The thread lives while there is work. What it makes is in the recording before anybody hears of it, so a session goes on
+after a kill from where it was heard of last, to the same numbers. The recording is what counts; the document beside it
+only names what REST shows.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from app import estimation
+from app.estimation import Step
+from app.events import Event, Events
+from app.goal import Goal, Until
+from app.history import History
+from app.json_text import json_bytes
+from app.past import Past
+from app.problems import HttpProblem
+from app.session_document import Document, fold, folded, prepare, present_config, present_scans, settings_of
+from app.slots import Slots
+from app.snapshot import Snapshot, snapshot
+from app.store import Store
+from app.truth_file import truth_of
+from app.worker import Worker
+from pmpnbp.errors import PmpnbpError, RecordingError
+from pmpnbp.inference.problem import Problem
+from pmpnbp.recording import Change, Inputs
+
+Kind = TypeVar("Kind")
+
+# Iterations after which a session lets one that waits have its slot.
+TURN = 10
+
+_log = logging.getLogger("pmpnbp.server")
+
+
+class Session:
+    """One session. `begin` or `recover` comes first; then any thread may call what is public."""
+
+    def __init__(self, id: str, store: Store, document: Document, slots: Slots) -> None:
+        self.id = id
+        first = int(document.get("events") or 1)
+        self.events = Events(first, first, self._reserve)
+        self._store = store
+        self._slots = slots
+        self._document = document
+        self._history = History(store.session_folder(id) / "recording.sqlite")
+        self._lock = threading.RLock()
+        self._worker = Worker(f"session-{id}", self._pursue_goal, self._history.abandon, partial(slots.nudge, self))
+        self._goal: Goal | None = None
+        self._closed = False
+        self._state = "paused"
+        self._error: str | None = None
+        self._target: int = document.get("iterations") or 0
+        self._until: Until = "iterations"
+        self._told: tuple[object, ...] = ()
+        self._past = Past(id, self._history, self._options)
+        # of the thread alone
+        self._step: Step | None = None
+        self._made: Snapshot | None = None
+        self._elapsed = 0.0
+        self._turn = 0
+
+    def begin(self, problem: Problem, inputs: Inputs) -> None:
+        """Make iteration 0 and a recording that begins with it."""
+        began = time.perf_counter()
+        step = estimation.first(problem)
+        made = self._read_out(step, problem, time.perf_counter() - began)
+        self._history.begin(inputs, problem, step, made.row_text.decode())
+        self._elapsed = time.perf_counter() - began
+        self._past.begin(made)
+        with self._lock:
+            self._error, self._target = None, int(self._document.get("iterations") or 0)
+        self._step, self._made = step, made
+        self._announce(made)
+
+    def recover(self) -> None:
+        """Take up what the recording has, after a restart. Where it is damaged the session is there, as failed."""
+        try:
+            if not self._document.get("model_id"):
+                raise RecordingError("its session.json is damaged")
+            self._document["changes"] = [json.loads(note) for note in self._past.recover()]
+        except (PmpnbpError, OSError, ValueError) as error:
+            self._past.damage = self._error = str(error)
+            self._state = "failed"
+
+    # What it is asked for
+
+    def run(self, iterations: int | None = None, until: Until = "iterations") -> None:
+        """Iterate in the background: `iterations` more, or, without it, up to the session's own number of them (that
+        many more where it has made them); less where `until` comes true before. HttpProblem 409."""
+        own = int(self._document.get("iterations") or 0)
+        at = self._past.iteration
+        if iterations is None:
+            iterations = own - at if at < own else own
+        self._set_goal(Goal(at + iterations, until))
+
+    def step(self, iterations: int = 1) -> Future[None]:
+        """Iterate so many times; the future is done after the last. HttpProblem 409, also through the future."""
+        goal = Goal(self._past.iteration + iterations, "iterations")
+        self._set_goal(goal)
+        return goal.done
+
+    def pause(self) -> Future[None]:
+        """Stop after the present iteration; the future is done when that is in the recording."""
+        return self._submit(self._pause)
+
+    def reset(self) -> Future[None]:
+        """Begin anew, with the settings and scans now in force; the old recording goes."""
+        return self._submit(self._reset)
+
+    def change(self, config: Mapping[str, Any]) -> Future[None]:
+        """Other settings from the next iteration on. The future may raise SettingError, or HttpProblem 409."""
+        return self._submit(partial(self._change, dict(config)))
+
+    def add_scan(self, scan_id: str) -> Future[None]:
+        """A further view from the next iteration on. The future may raise ScanError, or HttpProblem 404 or 409."""
+        return self._submit(partial(self._add_scan, scan_id))
+
+    def close(self) -> None:
+        """Stop after the present iteration, keep everything, end the event streams. A second call does nothing."""
+        with self._lock:
+            self._closed = True
+        self._worker.finish(self._pause)
+        self.events.close()
+
+    # What it tells
+
+    @property
+    def state(self) -> str:
+        """`paused`, `waiting` (for a slot), `running` or `failed`."""
+        return self._state
+
+    @property
+    def idle(self) -> bool:
+        """Whether it stays as it is until it is told something."""
+        return self._state in ("paused", "failed")
+
+    @property
+    def present(self) -> Snapshot | None:
+        """The newest iteration, where it is in memory: nothing is waited for."""
+        return self._past.present
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The newest iteration. HttpProblem 409 where the recording is damaged."""
+        return self._past.snapshot
+
+    def read(self, iteration: int | None = None) -> Snapshot:
+        """An iteration, read out as it was when it was made; without a number the newest. HttpProblem 404, 409."""
+        return self._past.read(iteration)
+
+    def rows(self, after: int = -1) -> list[str]:
+        """The trace, JSON, beyond iteration `after`. HttpProblem 409 where the recording is damaged."""
+        return self._past.rows(after)
+
+    def copy_recording(self, path: Path) -> None:
+        """A consistent copy of the recording. HttpProblem 409 where it is damaged."""
+        self._past.copy_to(path)
+
+    def status(self) -> dict[str, Any]:
+        """What REST shows of the session."""
+        with self._lock:
+            document = self._document
+            shown = {name: document.get(name) for name in ("method", "particles", "seed", "roi", "prior", "max_std")}
+            return {
+                "id": self.id,
+                "name": document.get("name"),
+                "view_url": f"/sessions/{self.id}/view/",
+                **self._progress(),
+                "model_id": document.get("model_id"),
+                "scan_ids": present_scans(document),
+                **shown,
+                "config": present_config(document),
+                "created": document.get("created"),
+            }
+
+    def progress(self) -> dict[str, Any]:
+        """The part of it that changes by itself."""
+        with self._lock:
+            return self._progress()
+
+    # The thread
+
+    def _submit(self, action: Callable[[], Kind]) -> Future[Kind]:
+        with self._lock:
+            self._check_open()
+            return self._worker.submit(action)
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise HttpProblem(409, f"session '{self.id}' is closed")
+
+    def _set_goal(self, goal: Goal) -> None:
+        with self._lock:
+            self._check_open()
+            self._past.check()
+            if self._goal is not None:
+                raise HttpProblem(409, f"session '{self.id}' is {self._state}; pause it first")
+            self._goal, self._target, self._until = goal, goal.last, goal.until
+            self._error = None
+            self._state = "running" if self._slots.take(self) else "waiting"
+            self._worker.wake()
+
+    def _pursue_goal(self) -> bool:
+        goal = self._goal
+        if goal is None:
+            return False
+        try:
+            self._pursue(goal)
+        except Exception as error:  # whatever it is, the session keeps it and the server goes on
+            self._fail(error)
+        return True
+
+    def _pursue(self, goal: Goal) -> None:
+        """One iteration, or what keeps it from being made."""
+        step = self._ready()
+        assert self._made is not None
+        if goal.reached(self._made):
+            self._rest("paused")
+        elif not self._slots.take(self):
+            self._tell("waiting")
+            self._slots.wait(self)
+        else:
+            self._tell("running")
+            self._iterate(step)
+            self._turn += 1
+            if goal.reached(self._made):
+                self._rest("paused")
+            elif self._turn >= TURN and self._slots.others_wait():
+                self._history.flush()
+                self._slots.leave(self)
+                self._turn = 0
+
+    def _ready(self) -> Step:
+        """The step to go on from, with the problem of the next iteration."""
+        if self._step is None or self._made is None:
+            self._made = self.snapshot
+            self._elapsed = self._made.row["elapsed"]
+            self._step = self._history.step(self._made.iteration, self._past.problem(self._made.iteration + 1))
+        return self._step
+
+    def _iterate(self, step: Step) -> None:
+        began = time.perf_counter()
+        problem = self._past.problem(step.iteration + 1)
+        if self._made is not None and problem is not self._made.problem:
+            # another number of reports may tell now whether it is at rest
+            self._history.flush()
+            step = self._history.step(step.iteration, problem)
+        self._step = estimation.following(step, problem)
+        made = self._read_out(self._step, problem, self._elapsed + time.perf_counter() - began)
+        self._made = made
+        self._history.add(self._step, made.row_text.decode(), partial(self._announce, made))
+        self._elapsed += time.perf_counter() - began
+
+    def _read_out(self, step: Step, problem: Problem, elapsed: float) -> Snapshot:
+        return snapshot(
+            problem, step.report, converged=step.converged, elapsed=elapsed, event=self.events.number(),
+            **self._options(),
+        )  # fmt: skip
+
+    def _announce(self, made: Snapshot) -> None:
+        self._past.announce(made)
+        self.events.publish(Event(made.row["event"], "iteration", made.row_text))
+
+    def _rest(self, state: str) -> None:
+        """Come to rest in `state`, with everything written."""
+        self._history.flush()
+        with self._lock:
+            goal, self._goal, self._state = self._goal, None, state
+            self._slots.leave(self)
+            self._turn = 0
+        self._tell()
+        if goal is not None:
+            goal.done.set_result(None)
+
+    def _fail(self, error: Exception) -> None:
+        expected = isinstance(error, PmpnbpError | HttpProblem)
+        _log.log(logging.WARNING if expected else logging.ERROR, "session %s failed", self.id, exc_info=not expected)
+        self._history.abandon()
+        self._step = self._made = None  # what was not written was not made
+        at = self._past.iteration
+        sentence = str(error) if expected else f"iteration {at + 1} could not be made: {type(error).__name__}: {error}"
+        with self._lock:
+            goal, self._goal, self._state, self._error = self._goal, None, "failed", sentence
+            self._slots.leave(self)
+            self._turn = 0
+        self._tell()
+        self._publish("error", {"error": sentence, "iteration": at})
+        if goal is not None:
+            goal.done.set_exception(HttpProblem(409, f"session '{self.id}' is failed: {sentence}"))
+
+    def _tell(self, state: str | None = None) -> None:
+        """Be in `state`, where it is given, and say what is new of it."""
+        with self._lock:
+            self._state = state or self._state
+            told = (self._state, self._slots.position(self), self._target, self._until, self._error, self._past.changes)
+            if told == self._told:
+                return
+            self._told = told
+            progress = self._progress()
+        self._publish("state", progress)
+
+    def _publish(self, kind: str, members: dict[str, Any]) -> None:
+        self.events.publish(Event(self.events.number(), kind, json_bytes(members)))
+
+    def _reserve(self, limit: int) -> None:
+        """Write down that numbers of events below `limit` may be used."""
+        with self._lock:
+            self._document["events"] = limit
+            try:
+                self._store.write_session(self.id, self._document)
+            except HttpProblem:  # a full disk: clients may see numbers again after a restart
+                _log.warning("session %s: the numbers of its events could not be written down", self.id)
+
+    # Commands, in the thread
+
+    def _pause(self) -> None:
+        if self._goal is not None:
+            try:
+                self._rest("paused")
+            except Exception as error:  # the last iterations could not be written
+                self._fail(error)
+
+    def _reset(self) -> None:
+        if self._goal is not None:
+            self._pause()
+        document = folded(self._document)
+        problem, inputs = prepare(self._store, document)
+        self._history.abandon()
+        self._store.write_session(self.id, document)
+        self._document = document
+        self.begin(problem, inputs)
+        self._told = ()
+        self._tell("paused")
+
+    def _change(self, config: dict[str, Any]) -> None:
+        self._past.check()
+        if not config:
+            return
+        settings = settings_of(fold(present_config(self._document), config))
+        self._apply({"config": config}, {"settings": settings})
+
+    def _add_scan(self, scan_id: str) -> None:
+        self._past.check()
+        if scan_id in present_scans(self._document):
+            raise HttpProblem(409, f"scan '{scan_id}' is in session '{self.id}' already")
+        self._apply({"scan_id": scan_id}, {"scan": self._store.load_scan(scan_id)})
+
+    def _apply(self, entry: dict[str, Any], change: dict[str, Any]) -> None:
+        """Make a change after the iteration just made, in document and recording; nothing of it where it fails."""
+        at = self._made.iteration if self._made is not None else self._past.iteration
+        after = self._past.next_change(at)
+        entry = {"after_iteration": after, **entry}
+        old = self._document
+        new = {**old, "changes": [*(old.get("changes") or ()), entry]}
+        problem, _ = prepare(self._store, new)
+        self._store.write_session(self.id, new)
+        try:
+            self._history.change(Change(after, note=json.dumps(entry), **change))
+        except RecordingError as error:
+            self._store.write_session(self.id, old)
+            self._fail(error)
+            raise
+        with self._lock:
+            self._document = new
+        self._past.changed(after, problem)
+        self._tell()
+
+    def _options(self) -> dict[str, Any]:
+        truth = self._document.get("truth")
+        return {
+            "method": self._document["method"],
+            "max_std": self._document.get("max_std") or estimation.MAX_STD,
+            "truth": None if truth is None else truth_of(truth, "the truth"),
+        }
+
+    def _progress(self) -> dict[str, Any]:
+        row = self._past.row
+        return {
+            "state": self._state,
+            "iteration": row["iteration"],
+            "iterations": self._target,
+            "until": self._until,
+            "converged": row["converged"],
+            "certain": row["certain"],
+            "error": self._error,
+            "position": self._slots.position(self) if self._state == "waiting" else None,
+        }

@@ -1,0 +1,75 @@
+"""What does a session's document say? How it was asked for, and what was changed since.
+
+`config` and `scan_ids` are those it began with; `changes` those that came later. The page and REST see them folded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from app import estimation
+from app.problems import HttpProblem
+from app.store import Store
+from pmpnbp.errors import SettingError
+from pmpnbp.inference.problem import Problem
+from pmpnbp.recording import Inputs
+from pmpnbp.settings import Settings, changed, preset
+
+Document = dict[str, Any]
+
+# Beyond these a single session could take all of the server's memory.
+MOST: Mapping[str, int] = {
+    "image_width": 640, "triangles": 100_000, "splat_points": 4096, "joint_draws": 256, "search_proposals": 200_000,
+    "search_islands": 2000, "search_iterations": 10_000, "search_iterations_per_joint": 1000,
+    "anneal_iterations": 100_000, "refine_iterations": 100_000, "converged_iterations": 1000,
+}  # fmt: skip
+
+
+def fold(config: Mapping[str, Any], further: Mapping[str, Any]) -> dict[str, Any]:
+    """`config` with `further` settings over it; a preset among those undoes what was set before."""
+    return dict(further) if "preset" in further else {**config, **further}
+
+
+def present_config(document: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings now in force, as they were given."""
+    config = dict(document.get("config") or {})
+    for change in document.get("changes") or ():
+        config = fold(config, change.get("config") or {})
+    return config
+
+
+def present_scans(document: Mapping[str, Any]) -> list[str]:
+    """Ids of all the scans."""
+    added = [change["scan_id"] for change in document.get("changes") or () if change.get("scan_id")]
+    return list(dict.fromkeys([*(document.get("scan_ids") or ()), *added]))
+
+
+def settings_of(config: Mapping[str, Any]) -> Settings:
+    """The settings that `config` makes of the preset `robust`. Raises SettingError."""
+    found = changed(preset("robust"), config)
+    for name, most in MOST.items():
+        if getattr(found, name) > most:
+            raise SettingError(f"setting '{name}' is {getattr(found, name)}; a session takes at most {most}")
+    return found
+
+
+def folded(document: Mapping[str, Any]) -> Document:
+    """The document of a session that begins anew with what is now in force."""
+    return {**document, "config": present_config(document), "scan_ids": present_scans(document), "changes": []}
+
+
+def prepare(store: Store, document: Mapping[str, Any]) -> tuple[Problem, Inputs]:
+    """The problem that a document asks for now, and its inputs. Raises PmpnbpError, HttpProblem 404, 409."""
+    if not document.get("model_id"):
+        raise HttpProblem(409, "the session's document is damaged and does not tell what it was given; delete it")
+    return estimation.prepare(
+        store.model_path(document["model_id"]),
+        [store.load_scan(id) for id in present_scans(document)],
+        document.get("roi"),
+        document.get("prior"),
+        settings_of(present_config(document)),
+        particles=document["particles"],
+        seed=document["seed"],
+        method=document["method"],
+    )

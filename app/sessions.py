@@ -1,0 +1,139 @@
+"""Which sessions are there? Makes them, finds them, takes them up after a restart, and lets a bounded number run."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+from app.problems import HttpProblem
+from app.sample_session import NAME, sample_document
+from app.server_config import ServerConfig
+from app.session import Session
+from app.session_document import Document, prepare
+from app.slots import Slots
+from app.store import Store
+
+# A session as it is asked for, where nothing is said.
+DEFAULTS: Mapping[str, Any] = {
+    "name": None, "method": "pmpnbp", "particles": 400, "iterations": 100, "seed": 0, "roi": None, "prior": None,
+    "config": {}, "max_std": 0.0025, "truth": None,
+}  # fmt: skip
+
+_log = logging.getLogger("pmpnbp.server")
+
+
+class Sessions:
+    """All sessions of the store. Thread-safe."""
+
+    def __init__(self, store: Store, config: ServerConfig) -> None:
+        self._store = store
+        self._config = config
+        self._slots = Slots(config.max_running)
+        self._lock = threading.Lock()
+        self._sessions: dict[str, Session] = {}
+        self._coming = 0
+        self._closed = False
+
+    def restore(self) -> None:
+        """Take up every session of the store: paused where its recording ends, or failed where it is damaged."""
+        for id, document in self._store.sessions():
+            session = Session(id, self._store, document or {"id": id}, self._slots)
+            session.recover()
+            with self._lock:
+                self._sessions[id] = session
+
+    def create(self, body: Mapping[str, Any]) -> Session:
+        """A new session at iteration 0.
+
+        body : `model_id`, `scan_ids` and what DEFAULTS has, which stands for what is left out. Raises PmpnbpError for
+        what does not fit together; HttpProblem 404 for a model or scan that is not here, 429 for one session too many.
+        """
+        unknown = set(body) - set(DEFAULTS) - {"model_id", "scan_ids"}
+        if unknown:
+            raise HttpProblem(422, f"a session has no {', '.join(sorted(unknown))}")
+        document: Document = {
+            "model_id": body["model_id"], "scan_ids": list(dict.fromkeys(body["scan_ids"])), **DEFAULTS, **body,
+            "changes": [], "events": 1,
+        }  # fmt: skip
+        with self._lock:
+            if self._closed:
+                raise HttpProblem(503, "the server is stopping")
+            if len(self._sessions) + self._coming >= self._config.max_sessions:
+                raise HttpProblem(
+                    429, f"there are {len(self._sessions)} sessions, the most that are kept; delete one first",
+                    headers={"Retry-After": "60"},
+                )  # fmt: skip
+            self._coming += 1
+        try:
+            return self._create(document)
+        finally:
+            with self._lock:
+                self._coming -= 1
+
+    def get(self, id: str) -> Session:
+        """A session. HttpProblem 404."""
+        with self._lock:
+            session = self._sessions.get(id)
+            count = len(self._sessions)
+        if session is None:
+            there = "there is 1 session" if count == 1 else f"there are {count} sessions"
+            raise HttpProblem(404, f"session '{id:.40}' is not here; {there}")
+        return session
+
+    def list(self) -> list[dict[str, Any]]:
+        """What REST shows of each session, oldest first."""
+        with self._lock:
+            sessions = [*self._sessions.values()]
+        return [session.status() for session in sessions]
+
+    def delete(self, id: str) -> None:
+        """Stop and forget a session, with its recording. HttpProblem 404."""
+        session = self.get(id)
+        session.close()
+        with self._lock:
+            if self._sessions.pop(id, None) is None:
+                return  # another call was faster
+        self._store.delete_session(id)
+
+    def close(self) -> None:
+        """Pause and keep every session, and end the event streams. A second call does nothing."""
+        with self._lock:
+            self._closed = True
+            sessions = [*self._sessions.values()]
+        threads = [threading.Thread(target=session.close) for session in sessions]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+
+    def demo(self) -> Session | None:
+        """Make, or find, the sample session, and run it; None where the sample data is not there."""
+        with self._lock:
+            found = next((session for session in self._sessions.values() if session.status()["name"] == NAME), None)
+        if found is None:
+            document = sample_document(self._store, self._config)
+            if document is None:
+                _log.warning("the sample data is not there: no sample session is opened")
+                return None
+            found = self.create(document)
+        status = found.status()
+        if status["state"] == "paused" and not status["converged"]:
+            found.run(until="converged")
+        return found
+
+    def _create(self, document: Document) -> Session:
+        problem, inputs = prepare(self._store, document)
+        id = self._store.create_session(document)
+        try:
+            full = next(found for known, found in self._store.sessions() if known == id)
+            assert full is not None
+            session = Session(id, self._store, full, self._slots)
+            session.begin(problem, inputs)
+        except BaseException:
+            self._store.delete_session(id)
+            raise
+        with self._lock:
+            self._sessions[id] = session
+        return session

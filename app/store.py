@@ -1,0 +1,341 @@
+"""What has been given to the server and must not be lost? Models, scans, sessions and recordings in one folder.
+
+| folder | an entry is a folder with |
+| --- | --- |
+| `models/ID/` | `model.json`, the URDF or zip as it was uploaded |
+| `scans/ID/` | `scan.json`, `scan.npz` (depth image and camera) |
+| `sessions/ID/` | `session.json`, `recording.sqlite` |
+| `recordings/ID/` | `recording.json`, `recording.sqlite` |
+| `remembered/` | answers to calls that carried an `Idempotency-Key` |
+| `incoming/` | uploads and entries that are not whole yet; emptied at every start |
+
+An entry lands by one rename (`landing`), so at every instant it is there, whole, or not at all. What is in an entry but
+a session never changes.
+"""
+
+from __future__ import annotations
+
+import copy
+import fcntl
+import hashlib
+import re
+import secrets
+import shutil
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from app import landing
+from app.disk_room import DiskRoom, folder_size
+from app.problems import HttpProblem
+from app.remembered import Remembered
+from app.stored_scan import read_scan
+from pmpnbp.errors import PmpnbpError
+from pmpnbp.scene.observation import Scan
+
+Document = dict[str, Any]
+
+KINDS = {"models": "model", "scans": "scan", "sessions": "session", "recordings": "recording"}
+_ID = re.compile(r"[0-9a-f]{16}")
+
+
+class StoreError(PmpnbpError):
+    """The data directory cannot be used."""
+
+
+@dataclass
+class Staging:
+    """An upload on its way in. folder : its own, on the store's file system, removed afterwards; claimed : bytes."""
+
+    folder: Path
+    room: DiskRoom
+    claimed: int = 0
+
+    def claim(self, count: int) -> None:
+        """Set `count` bytes aside before they are written. Raises HttpProblem 507."""
+        self.room.claim(count)
+        self.claimed += count
+
+
+class Store:
+    """The data directory. Thread-safe; one process at a time. Raises StoreError where `root` cannot be used."""
+
+    def __init__(self, root: Path, max_bytes: int) -> None:
+        self.root = root
+        self._lock = threading.RLock()
+        self._incoming = root / "incoming"
+        try:
+            for name in (*KINDS, "incoming"):
+                (root / name).mkdir(parents=True, exist_ok=True)
+            self._lock_file = (root / ".lock").open("w")
+        except OSError as error:
+            raise StoreError(f"the data directory '{root}' cannot be used: {error.strerror}") from None
+        try:
+            # POSIX locks are a process's own and end with it, however it ends.
+            fcntl.lockf(self._lock_file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self._lock_file.close()
+            raise StoreError(f"the data directory '{root}' is in use by another server") from None
+        for left in self._incoming.iterdir():
+            if left.is_dir() and not left.is_symlink():
+                shutil.rmtree(left, ignore_errors=True)
+            else:
+                left.unlink(missing_ok=True)
+        self._room = DiskRoom(root / "sessions", max_bytes)
+        self._documents: dict[str, dict[str, Document | None]] = {}
+        for kind, noun in KINDS.items():
+            places = [place for place in (root / kind).iterdir() if _ID.fullmatch(place.name) and place.is_dir()]
+            found = {place.name: landing.read_json(place / f"{noun}.json") for place in places}
+            self._documents[kind] = dict(sorted(found.items(), key=lambda entry: _created(entry[1])))
+            if kind != "sessions":
+                self._room.entry(sum(folder_size(place) for place in places))
+        self._remembered = Remembered(root / "remembered", self._incoming)
+
+    def close(self) -> None:
+        """Let another process have the directory."""
+        self._lock_file.close()
+
+    def used_bytes(self) -> int:
+        """Bytes that the data directory holds, and those set aside for what is on its way in."""
+        return self._room.used()
+
+    @contextmanager
+    def staging(self) -> Iterator[Staging]:
+        """A folder for an upload, removed at the end with whatever is still in it."""
+        folder = self._incoming / f"{_new_id()}.upload"
+        with landing.full_disk_as_problem():
+            folder.mkdir()
+        staging = Staging(folder, self._room)
+        try:
+            yield staging
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+            self._room.release(staging.claimed)
+
+    # Models
+
+    def add_model(self, staged: Path, file_name: str, summary: Mapping[str, Any]) -> Document:
+        """Take in the URDF or zip `staged` (moved away), called `file_name` by its sender; the entry's document."""
+        with staged.open("rb") as file:
+            suffix = ".zip" if file.read(2) == b"PK" else ".urdf"
+        # the stem is the model's name where the URDF says none
+        stem = Path(safe_name(file_name)).stem
+        return self._add("models", {f"{stem}{suffix}": staged}, {**summary, "file_name": file_name})
+
+    def models(self) -> list[Document]:
+        """Every model's document, oldest first."""
+        return self._all("models")
+
+    def model(self, id: str) -> Document:
+        """A model's document: `id`, `name`, `links`, `joints`, `parts`, `created`, `sha256`. HttpProblem 404."""
+        return self._get("models", id)
+
+    def model_path(self, id: str) -> Path:
+        """The URDF or zip, to read only. HttpProblem 404."""
+        return self._file("models", id)
+
+    def delete_model(self, id: str) -> None:
+        """Forget a model. HttpProblem 404, and 409 where a session uses it."""
+        self._delete("models", id)
+
+    # Scans
+
+    def add_scan(self, staged: Path, file_name: str, summary: Mapping[str, Any]) -> Document:
+        """Take in the scan that `stored_scan.write_scan` wrote to `staged` (moved away); the entry's document."""
+        return self._add("scans", {"scan.npz": staged}, {**summary, "file_name": file_name})
+
+    def scans(self) -> list[Document]:
+        """Every scan's document, oldest first."""
+        return self._all("scans")
+
+    def scan(self, id: str) -> Document:
+        """A scan's document: `id`, `points`, `valid_fraction`, `camera`, `bounds`, `created`, `sha256`. 404."""
+        return self._get("scans", id)
+
+    def load_scan(self, id: str) -> Scan:
+        """The scan, bit for bit as the library read it from the upload. HttpProblem 404."""
+        return read_scan(self._file("scans", id))
+
+    def delete_scan(self, id: str) -> None:
+        """Forget a scan. HttpProblem 404, and 409 where a session uses it."""
+        self._delete("scans", id)
+
+    # Sessions
+
+    def create_session(self, document: Mapping[str, Any]) -> str:
+        """Make a session's folder with its document, to which `id` and `created` are added; the id.
+
+        HttpProblem 404 where its model or a scan is not here.
+        """
+        with self._lock:
+            self._check_uses(document)
+            id = _new_id()
+            full = {**copy.deepcopy(dict(document)), "id": id, "created": document.get("created") or _now()}
+            landing.land(self._partial(), self.root / "sessions" / id, {}, "session.json", full)
+            self._documents["sessions"][id] = full
+            return id
+
+    def write_session(self, id: str, document: Mapping[str, Any]) -> None:
+        """Replace a session's document. HttpProblem 404 where it, its model or a scan is not here."""
+        with self._lock:
+            place = self.session_folder(id) / "session.json"
+            self._check_uses(document)
+            landing.replace_json(self._partial(), place, document)
+            self._documents["sessions"][id] = copy.deepcopy(dict(document))
+
+    def sessions(self) -> list[tuple[str, Document | None]]:
+        """Every session's id and document, oldest first; None where the document is damaged."""
+        with self._lock:
+            return list(copy.deepcopy(self._documents["sessions"]).items())
+
+    def session_folder(self, id: str) -> Path:
+        """The folder of a session. HttpProblem 404."""
+        with self._lock:
+            self._check_known("sessions", id)
+            return self.root / "sessions" / id
+
+    def delete_session(self, id: str) -> None:
+        """Forget a session and its recording, which nobody may have open for writing. HttpProblem 404."""
+        self._delete("sessions", id)
+
+    # Recordings
+
+    def add_recording(self, staged: Path, file_name: str, summary: Mapping[str, Any]) -> Document:
+        """Take in the recording `staged` (moved away); the entry's document."""
+        return self._add("recordings", {"recording.sqlite": staged}, {**summary, "file_name": file_name})
+
+    def recordings(self) -> list[Document]:
+        """Every uploaded recording's document, oldest first."""
+        return self._all("recordings")
+
+    def recording(self, id: str) -> Document:
+        """An uploaded recording's document. HttpProblem 404."""
+        return self._get("recordings", id)
+
+    def recording_path(self, id: str) -> Path:
+        """The SQLite file of an uploaded recording, to read only. HttpProblem 404."""
+        return self._file("recordings", id)
+
+    def delete_recording(self, id: str) -> None:
+        """Forget an uploaded recording. HttpProblem 404."""
+        self._delete("recordings", id)
+
+    # Answers to repeated calls
+
+    def remember(self, key: str, fingerprint: str, response: Document) -> None:
+        """Keep `response` for a day as the answer to the call with this Idempotency-Key."""
+        self._remembered.remember(key, fingerprint, response)
+
+    def remembered(self, key: str) -> tuple[str, Document] | None:
+        """Fingerprint and answer of the call with this Idempotency-Key, or None."""
+        return self._remembered.remembered(key)
+
+    def once(self, key: str | None, fingerprint: str, make: Callable[[], Document]) -> tuple[Document, bool]:
+        """What `make` returns, or what it returned to the same call before; and whether it was before.
+
+        key : from `remembered.call_key`; None makes every time
+
+        HttpProblem 422 where the key came with other content before, 409 while that call is at work.
+        """
+        return self._remembered.once(key, fingerprint, make)
+
+    # All kinds alike
+
+    def _add(self, kind: str, files: Mapping[str, Path], members: Mapping[str, Any]) -> Document:
+        id, noun = _new_id(), KINDS[kind]
+        ((name, staged),) = files.items()
+        document = {
+            "id": id, **members, "created": _now(), "sha256": _sha256(staged), "bytes": staged.stat().st_size,
+            "file": name,
+        }  # fmt: skip
+        partial = self._partial()
+        size = landing.land(partial, self.root / kind / id, files, f"{noun}.json", document)
+        with self._lock:
+            self._documents[kind][id] = document
+            self._room.entry(size)
+        return dict(document)
+
+    def _all(self, kind: str) -> list[Document]:
+        with self._lock:
+            return [dict(found) for found in self._documents[kind].values() if found is not None]
+
+    def _get(self, kind: str, id: str) -> Document:
+        with self._lock:
+            self._check_known(kind, id)
+            found = self._documents[kind][id]
+        if found is None:
+            raise HttpProblem(404, f"{KINDS[kind]} '{id}' is damaged: its {KINDS[kind]}.json cannot be read")
+        return dict(found)
+
+    def _file(self, kind: str, id: str) -> Path:
+        return self.root / kind / id / str(self._get(kind, id)["file"])
+
+    def _delete(self, kind: str, id: str) -> None:
+        with self._lock:
+            self._check_known(kind, id)
+            users = [session for session, found in self._documents["sessions"].items() if id in _uses(found, kind)]
+            if users:
+                more = f" and {len(users) - 1} more" if len(users) > 1 else ""
+                raise HttpProblem(409, f"{KINDS[kind]} '{id}' is used by session '{users[0]}'{more}; delete it first")
+            place = self.root / kind / id
+            size = folder_size(place)
+            landing.remove(self._partial(), place)
+            del self._documents[kind][id]
+            if kind == "sessions":
+                self._room.sessions_changed()
+            else:
+                self._room.entry(-size)
+
+    def _check_known(self, kind: str, id: str) -> None:
+        known = self._documents[kind]
+        if id not in known:
+            there = f"there is 1 {KINDS[kind]}" if len(known) == 1 else f"there are {len(known)} {kind}"
+            raise HttpProblem(404, f"{KINDS[kind]} '{id:.40}' is not here; {there}")
+
+    def _check_uses(self, document: Mapping[str, Any]) -> None:
+        for kind in ("models", "scans"):
+            for id in _uses(document, kind):
+                self._check_known(kind, id)
+
+    def _partial(self) -> Path:
+        return self._incoming / f"{_new_id()}.partial"
+
+
+def safe_name(name: str) -> str:
+    """`name` as a file name without folders that is safe anywhere: letters, digits, `.`, `-`, `_`; never empty."""
+    last = re.split(r"[/\\]", name)[-1]
+    stem, dot, suffix = last.rpartition(".")
+    cleaned = re.sub(r"[^A-Za-z0-9._-]", "_", stem if dot else last).lstrip(".")[:80] or "upload"
+    kept = re.sub(r"[^A-Za-z0-9]", "", suffix)[:10] if dot else ""
+    return f"{cleaned}.{kept}" if kept else cleaned
+
+
+def _uses(document: Mapping[str, Any] | None, kind: str) -> set[str]:
+    """Ids of the models or scans that a session's document names."""
+    if document is None or kind not in ("models", "scans"):
+        return set()
+    if kind == "models":
+        return {document["model_id"]} if document.get("model_id") else set()
+    added = [change.get("scan_id") for change in document.get("changes") or ()]
+    return {id for id in (*(document.get("scan_ids") or ()), *added) if id}
+
+
+def _created(document: Document | None) -> str:
+    return str((document or {}).get("created", ""))
+
+
+def _new_id() -> str:
+    return secrets.token_hex(8)
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,106 @@
+"""How does an upload become an entry of the store? It streams to disk, a process of its own reads it, then it lands."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import anyio.to_thread
+from fastapi import Request, Response
+
+from app.multipart import Upload, receive
+from app.parsers import Parsers
+from app.problems import HttpProblem
+from app.remembered import call_key
+from app.server_config import ServerConfig
+from app.store import Document, Staging, Store
+
+# Uploads that are read at once. More would only make all of them late on a machine of few cores.
+AT_ONCE = 4
+# Shares of `parse_seconds`: for the wait before an upload is read, and for reading it. The rest is for the answer.
+_WAITING, _READING = 0.2, 0.7
+
+
+class Uploads:
+    """Takes in uploads, a bounded number at once. Its reading processes are started by `warm`, or as uploads come."""
+
+    def __init__(self, store: Store, config: ServerConfig) -> None:
+        self._store = store
+        self._config = config
+        self._parsers = Parsers(config.parse_bytes, config.parse_seconds * _READING)
+        self._slots = asyncio.Semaphore(AT_ONCE)
+
+    def warm(self) -> None:
+        """Start a process that reads scans, so that the first of them need not wait for its imports."""
+        self._parsers.warm("scans")
+
+    def close(self) -> None:
+        """End the processes."""
+        self._parsers.close()
+
+    async def take_in(self, request: Request, response: Response, kind: str) -> Document:
+        """The entry that the form of `request` makes in the store's folder `kind`; sets Location and ETag.
+
+        The same call again, told by its Idempotency-Key, makes no second entry. Raises HttpProblem as
+        `multipart.receive`, `Parsers.parse` and the store do; 429 where too many uploads wait to be read.
+        """
+        path = f"/api/v1/{kind}"
+        key = call_key(f"POST {path}", request.headers.get("idempotency-key"))
+        with self._store.staging() as staging:
+            fields = ("camera",) if kind == "scans" else ()
+            upload = await receive(request, staging, self._config.max_upload_bytes, fields)
+            fingerprint = "\n".join([upload.sha256, upload.file_name, upload.fields.get("camera", "")])
+            async with self._slot():
+                # waited for even where the client goes away: `staging` has to outlive it
+                document, _ = await anyio.to_thread.run_sync(
+                    self._store.once, key, fingerprint, lambda: self._read(kind, upload, staging)
+                )
+        response.headers["Location"] = f"{path}/{document['id']}"
+        response.headers["ETag"] = etag(document)
+        return document
+
+    @asynccontextmanager
+    async def _slot(self) -> AsyncIterator[None]:
+        patience = self._config.parse_seconds * _WAITING
+        try:
+            async with asyncio.timeout(patience):
+                await self._slots.acquire()
+        except TimeoutError:
+            raise HttpProblem(
+                429,
+                f"{AT_ONCE} uploads are being read and more wait; send this one again later",
+                headers={"Retry-After": str(math.ceil(patience))},
+            ) from None
+        try:
+            yield
+        finally:
+            self._slots.release()
+
+    def _read(self, kind: str, upload: Upload, staging: Staging) -> Document:
+        beside = staging.folder / "beside"
+        beside.mkdir()
+        camera, out = None, beside / "scan.npz"
+        if upload.fields.get("camera", "").strip():  # a form's empty field says nothing
+            camera = beside / "camera.json"
+            camera.write_text(upload.fields["camera"], encoding="utf-8")
+        summary = self._parsers.parse(kind, upload.path, out, camera)
+        if kind == "models":
+            return self._store.add_model(upload.path, upload.file_name, summary)
+        if kind == "recordings":
+            return self._store.add_recording(upload.path, upload.file_name, summary)
+        staging.claim(out.stat().st_size)
+        return self._store.add_scan(out, upload.file_name, summary)
+
+
+def etag(document: Document) -> str:
+    """The entity tag of an entry, which never changes: its content's."""
+    return f'"{document["sha256"]}"'
+
+
+def unchanged(request: Request, document: Document) -> bool:
+    """Whether the client says, by If-None-Match, that it has the entry already."""
+    given = request.headers.get("if-none-match", "")
+    tags = [tag.strip().removeprefix("W/") for tag in given.split(",")]
+    return "*" in tags or etag(document) in tags

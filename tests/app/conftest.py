@@ -1,0 +1,152 @@
+"""Servers for tests: real ones on free ports, in this process or in one that can be killed."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from app.server_config import ServerConfig
+
+PROJECT = Path(__file__).resolve().parents[2]
+
+
+@dataclass
+class Served:
+    """A server in this process. app : the FastAPI application, for what cannot be seen from outside."""
+
+    url: str
+    config: ServerConfig
+    client: httpx.Client
+    app: Any
+
+    def ready(self) -> Served:
+        """Wait until the kernels are there, as sessions that run need them."""
+        while self.client.get("/readyz").status_code != 200:
+            time.sleep(0.05)
+        return self
+
+
+@dataclass
+class Process:
+    """A server in a process of its own. client : carries its token, where it has one."""
+
+    url: str
+    data_dir: Path
+    process: subprocess.Popen[str]
+    client: httpx.Client
+    first_line: str
+
+    def kill(self) -> None:
+        """As a power cut does it."""
+        self.process.kill()
+        self.process.wait()
+
+    def stop(self) -> int:
+        """As an operator does it; the exit status."""
+        self.process.send_signal(signal.SIGTERM)
+        return self.process.wait()
+
+    def ready(self) -> Process:
+        """Wait until the kernels are there."""
+        while self.client.get("/readyz").status_code != 200:
+            time.sleep(0.05)
+        return self
+
+
+@contextmanager
+def serving(data_dir: Path) -> Iterator[Callable[..., Served]]:
+    """A function that starts a server in this process with the settings it is given; all are stopped at the end."""
+    from app.serve_command import server_for
+    from app.server import create_app
+
+    started: list[tuple[Any, threading.Thread, httpx.Client]] = []
+
+    def start(**settings: Any) -> Served:
+        config = ServerConfig(**({"port": 0, "data_dir": data_dir, "requests_per_second": 1e5} | settings))
+        app = create_app(config)
+        server = server_for(app, config)
+        thread = threading.Thread(target=server.run, name="served", daemon=True)
+        thread.start()
+        while not server.started and thread.is_alive():
+            time.sleep(0.005)
+        assert server.started, "the server did not start; its log says why"
+        port = server.servers[0].sockets[0].getsockname()[1]
+        headers = {} if config.token is None else {"Authorization": f"Bearer {config.token}"}
+        client = httpx.Client(base_url=f"http://127.0.0.1:{port}", headers=headers, timeout=None)
+        started.append((server, thread, client))
+        return Served(str(client.base_url).rstrip("/"), replace(config, port=port), client, app)
+
+    try:
+        yield start
+    finally:
+        for server, thread, client in started:
+            client.close()
+            server.should_exit = True
+            thread.join()
+
+
+@pytest.fixture
+def serve(tmp_path: Path) -> Iterator[Callable[..., Served]]:
+    """A function that starts a server with the settings it is given; all are stopped at the end."""
+    with serving(tmp_path / "data") as start:
+        yield start
+
+
+@pytest.fixture(scope="module")
+def serve_for_module(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Served]]:
+    """The same for the tests of a whole file, each call with a data directory of its own."""
+    with ExitStack() as stack:
+        yield lambda **settings: stack.enter_context(serving(tmp_path_factory.mktemp("data")))(**settings)
+
+
+@pytest.fixture
+def served(serve: Callable[..., Served]) -> Served:
+    """A server on the loopback interface, without a token, with nothing in its store."""
+    return serve()
+
+
+@pytest.fixture
+def served_process(tmp_path: Path) -> Iterator[Callable[..., Process]]:
+    """A function that starts `pmpnbp serve` with the options it is given, in the same data directory each time."""
+    started: list[Process] = []
+
+    def start(*options: str, environment: dict[str, str] | None = None) -> Process:
+        data_dir = tmp_path / "data"
+        command = [sys.executable, "-m", "app.cli", "serve", "--port", "0", "--data-dir", str(data_dir), *options]
+        inherited = {name: value for name, value in os.environ.items() if not name.startswith("PMPNBP_")}
+        process = subprocess.Popen(
+            command, cwd=PROJECT, env=inherited | (environment or {}), stdout=subprocess.PIPE, text=True
+        )
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        found = re.search(r"(http://\S+?)/(?:\?token=(\S+))?\s*$", line)
+        if found is None:
+            process.kill()
+            process.wait()
+            raise AssertionError(f"the server printed {line!r} instead of its link")
+        headers = {} if found[2] is None else {"Authorization": f"Bearer {found[2]}"}
+        url = re.sub(r"//(0\.0\.0\.0|\[::\])", "//127.0.0.1", found[1])
+        client = httpx.Client(base_url=url, headers=headers, timeout=None)
+        started.append(Process(url, data_dir, process, client, line))
+        return started[-1]
+
+    yield start
+    for one in started:
+        one.client.close()
+        if one.process.poll() is None:
+            one.kill()
+        assert one.process.stdout is not None
+        one.process.stdout.close()

@@ -1,0 +1,195 @@
+"""Calls made up from the OpenAPI document, valid and not, and what is wrong with the answers.
+
+The test suite makes a few for each operation; as a script it makes as many as it is told to, against a server whose
+store it may empty: `python -m tests.app.openapi_calls --url http://127.0.0.1:8080 --calls 2000`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import httpx
+import schemathesis
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import seed as seeded
+from hypothesis.errors import Unsatisfiable
+from schemathesis import Case, GenerationMode
+from schemathesis.checks import not_a_server_error
+from schemathesis.specs.openapi.checks import (
+    content_type_conformance,
+    response_headers_conformance,
+    response_schema_conformance,
+    status_code_conformance,
+)
+
+CHECKS = [
+    not_a_server_error,
+    status_code_conformance,
+    content_type_conformance,
+    response_headers_conformance,
+    response_schema_conformance,
+]
+CABINET = Path(__file__).resolve().parents[2] / "sample_data" / "cabinet"
+# Of a run or a step: what is asked is the answer's form, not the machine's patience.
+FEW_ITERATIONS = 2
+EVENTS = "text/event-stream"
+
+
+def exercise(url: str, known: Callable[[], Mapping[str, str]], examples: int, seed: int = 0) -> Counter[str]:
+    """Make up to `examples` calls of each kind for each operation; how many were made, by operation.
+
+    known : makes what the path parameters can name, and returns their values, before each kind of call
+
+    Raises schemathesis' FailureGroup for the first answer that is not as the document says.
+    """
+    schema = schemathesis.openapi.from_url(f"{url}/openapi.json")
+    made: Counter[str] = Counter()
+    for found in schema.get_all_operations():
+        operation = found.ok()
+        label = f"{operation.method.upper()} {operation.path}"
+        if EVENTS in json.dumps(operation.definition.raw.get("responses", {})):
+            continue  # an answer without an end; `listen` asks for it
+        names = [part[1:-1] for part in operation.path.split("/") if part.startswith("{")]
+        for mode in (GenerationMode.POSITIVE, GenerationMode.NEGATIVE):
+            for given_names in (True, False) if names else (False,):
+                values = known()
+                path = {name: values[name] for name in names if name in values} if given_names else {}
+                made[label] += _some(operation, mode, path, url, examples, seed)
+    return made
+
+
+def _some(operation: Any, mode: GenerationMode, path: Mapping[str, str], url: str, examples: int, seed: int) -> int:
+    waits = any(parameter.name == "timeout" for parameter in operation.query)
+    options: dict[str, Any] = {"path_parameters": dict(path)} if path else {}
+    if waits:
+        options["query"] = {"timeout": 0}
+    count = 0
+
+    @seeded(seed)
+    @settings(
+        max_examples=examples,
+        deadline=None,
+        database=None,
+        derandomize=False,
+        phases=[Phase.explicit, Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(operation.as_strategy(generation_mode=mode, **options))
+    def call(case: Case) -> None:
+        nonlocal count
+        _be_brief(case)
+        response = case.call(base_url=url, timeout=120)
+        count += 1
+        case.validate_response(response, checks=CHECKS)
+
+    with suppress(Unsatisfiable):  # nothing about this operation can be wrong
+        call()
+    return count
+
+
+def _be_brief(case: Case) -> None:
+    body = case.body
+    if case.operation.path.endswith(("/run", "/step")) and isinstance(body, dict):
+        iterations = body.get("iterations")
+        if isinstance(iterations, int) and not isinstance(iterations, bool) and iterations > FEW_ITERATIONS:
+            body["iterations"] = FEW_ITERATIONS
+
+
+def sample(client: httpx.Client) -> Callable[[], dict[str, str]]:
+    """A function that sees to it that there are a model, a scan, a recording and a fresh session of a cabinet."""
+    kept: dict[str, str] = {}
+    config = {"search_iterations": 1, "search_proposals": 100, "search_islands": 4}
+    model = CABINET / "cabinet.urdf"
+    scan = CABINET / "open"
+
+    def upload(kind: str, path: Path, **fields: str) -> str:
+        answer = client.post(f"/api/v1/{kind}", files={"file": (path.name, path.read_bytes())}, data=fields)
+        assert answer.status_code == 201, answer.text
+        return str(answer.json()["id"])
+
+    def fresh() -> bool:
+        if not kept:
+            return False
+        kinds = {"model_id": "models", "scan_id": "scans", "recording_id": "recordings", "session_id": "sessions"}
+        answers = {name: client.get(f"/api/v1/{kind}/{kept[name]}") for name, kind in kinds.items()}
+        if any(answer.status_code != 200 for answer in answers.values()):
+            return False
+        session = answers["session_id"].json()
+        return bool(
+            session["state"] == "paused" and session["config"] == config and 1 <= session["iteration"] < 50
+            and session["scan_ids"] == [kept["scan_id"]]
+        )  # fmt: skip
+
+    def make() -> dict[str, str]:
+        if fresh():
+            return kept
+        for kind in ("sessions", "models", "scans", "recordings"):
+            for entry in client.get(f"/api/v1/{kind}").json():
+                client.delete(f"/api/v1/{kind}/{entry['id']}")
+        known = {
+            "model_id": upload("models", model),
+            "scan_id": upload("scans", scan / "depth.png", camera=(scan / "camera.json").read_text(encoding="utf-8")),
+        }
+        body = {
+            "model_id": known["model_id"],
+            "scan_ids": [known["scan_id"]],
+            "particles": 20,
+            "roi": json.loads((scan / "region.json").read_text(encoding="utf-8"))["region"],
+            "config": config,
+        }
+        answer = client.post("/api/v1/sessions", json=body)
+        assert answer.status_code == 201, answer.text
+        known["session_id"] = answer.json()["id"]
+        step = client.post(f"/api/v1/sessions/{known['session_id']}/step", json={"iterations": 1})
+        assert step.status_code == 200, step.text
+        with tempfile.TemporaryDirectory() as folder:
+            recording = Path(folder) / "recording.sqlite"
+            recording.write_bytes(client.get(f"/api/v1/sessions/{known['session_id']}/recording").content)
+            known["recording_id"] = upload("recordings", recording)
+        kept.update(known | {"link": "drawer1", "sender": "frame", "receiver": "drawer1"})
+        return kept
+
+    return make
+
+
+def listen(client: httpx.Client, session_id: str) -> None:
+    """Ask for events as programs might; the answer begins at once, or is a problem."""
+    for last in (None, b"0", b"5", b"-1", b"x", b"9" * 40, b"\xc3\xa9"):
+        headers = {} if last is None else {b"Last-Event-ID": last}
+        with client.stream("GET", f"/api/v1/sessions/{session_id}/events", headers=headers) as answer:
+            assert answer.status_code in (200, 422), answer.status_code
+            kind = answer.headers["content-type"].split(";")[0]
+            assert kind == (EVENTS if answer.status_code == 200 else "application/problem+json")
+
+
+def main() -> int:
+    """Make at least `--calls` calls against a server that runs; print how many of each."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--calls", type=int, default=2000)
+    parser.add_argument("--url", required=True, help="of a server whose store may be emptied")
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    with httpx.Client(base_url=arguments.url, timeout=None) as client:
+        known = sample(client)
+        listen(client, known()["session_id"])
+        made: Counter[str] = Counter()
+        examples = 10
+        while made.total() < arguments.calls:
+            made += exercise(arguments.url, known, examples, arguments.seed + made.total())
+            sys.stdout.write(f"{made.total()} calls\n")
+            examples = 25
+    for label, count in sorted(made.items()):
+        sys.stdout.write(f"{count:6d}  {label}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

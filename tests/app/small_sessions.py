@@ -1,0 +1,79 @@
+"""Sessions for tests: the sample cabinet with settings so small that an iteration takes a few milliseconds."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+CABINET = Path(__file__).resolve().parents[2] / "sample_data" / "cabinet"
+REGION = json.loads((CABINET / "open" / "region.json").read_text())["region"]
+QUICK = {
+    "image_width": 80, "triangles": 60, "splat_points": 64, "search_iterations": 2, "search_proposals": 300,
+    "anneal_iterations": 2, "refine_iterations": 1,
+}  # fmt: skip
+# How often a member that changes by itself is looked at.
+PATIENCE = 0.02
+
+
+def upload_model(client: httpx.Client) -> str:
+    """The id of the cabinet, uploaded."""
+    path = CABINET / "cabinet.urdf"
+    answer = client.post("/api/v1/models", files={"file": (path.name, path.read_bytes())})
+    assert answer.status_code == 201, answer.text
+    return str(answer.json()["id"])
+
+
+def upload_scan(client: httpx.Client, scene: str = "open") -> str:
+    """The id of a scan of the cabinet, uploaded."""
+    folder = CABINET / scene
+    answer = client.post(
+        "/api/v1/scans",
+        files={"file": ("depth.png", (folder / "depth.png").read_bytes())},
+        data={"camera": (folder / "camera.json").read_text()},
+    )
+    assert answer.status_code == 201, answer.text
+    return str(answer.json()["id"])
+
+
+def body(model_id: str, scan_id: str, **members: Any) -> dict[str, Any]:
+    """What makes a small session."""
+    asked = {"model_id": model_id, "scan_ids": [scan_id], "roi": REGION, "particles": 40, "seed": 11, "config": QUICK}
+    return asked | members
+
+
+def create(client: httpx.Client, **members: Any) -> str:
+    """The path of a small session, made with model and scan of its own where none are named."""
+    model_id = members.pop("model_id", None) or upload_model(client)
+    scan_id = members.pop("scan_id", None) or upload_scan(client)
+    answer = client.post("/api/v1/sessions", json=body(model_id, scan_id, **members))
+    assert answer.status_code == 201, answer.text
+    return f"/api/v1/sessions/{answer.json()['id']}"
+
+
+def step(client: httpx.Client, path: str, iterations: int = 1) -> dict[str, Any]:
+    """The session after so many more iterations."""
+    answer = client.post(f"{path}/step", json={"iterations": iterations})
+    assert answer.status_code == 200, answer.text
+    found: dict[str, Any] = answer.json()
+    return found
+
+
+def at_rest(client: httpx.Client, path: str) -> dict[str, Any]:
+    """The session once it does not iterate."""
+    while True:
+        found: dict[str, Any] = client.get(path).json()
+        if found["state"] in ("paused", "failed"):
+            return found
+        time.sleep(PATIENCE)
+
+
+def numbers(client: httpx.Client, path: str, iteration: int | None = None) -> dict[str, Any]:
+    """The estimate without what differs from run to run: seconds and the session's own members."""
+    query = "" if iteration is None else f"?iteration={iteration}"
+    answer = client.get(f"{path}/estimate{query}")
+    assert answer.status_code == 200, answer.text
+    return {name: value for name, value in answer.json().items() if name not in ("seconds", "session_id", "state")}

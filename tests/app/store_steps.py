@@ -1,0 +1,159 @@
+"""Kill a store's work at every step it makes on the disk, and say what the next start finds.
+
+A process of its own, as it forks. Prints a JSON line for each action: how many steps it was killed at, and what was
+wrong afterwards. Run it: `python -m tests.app.store_steps FOLDER`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from app.disk_room import folder_size
+from app.store import KINDS, Store
+from app.stored_scan import write_scan
+from pmpnbp.geometry.camera import Camera
+from pmpnbp.scene.observation import Scan
+
+# Everything that changes what is on the disk is announced to an audit hook before it happens.
+STEPS = ("open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.truncate", "os.link")
+MAX_BYTES = 1 << 30
+SCAN = Scan(Camera(3, 2, 1.0, 1.0, 1.0, 0.5), np.arange(1, 7, dtype=np.float32).reshape(2, 3))
+
+
+def main(folder: Path) -> None:
+    """Every action, killed at each of its steps in turn."""
+    base = folder / "base"
+    first = _base(base)
+    actions: dict[str, Callable[[Store], object]] = {
+        "add_model": _add_model,
+        "add_scan": _add_scan,
+        "delete_scan": lambda store: store.delete_scan(first["free"]),
+        "create_session": lambda store: store.create_session({"scan_ids": [first["used"]], "name": "new"}),
+        "write_session": lambda store: store.write_session(first["session"], {"id": first["session"], "name": "new"}),
+        "delete_session": lambda store: store.delete_session(first["session"]),
+        "remember": lambda store: store.remember("a key", "other", {"answer": "new"}),
+    }
+    for name, action in actions.items():
+        step, wrong = 0, []
+        before, after = _seen(base), None
+        done = False
+        found = []
+        while not done:
+            step += 1
+            root = folder / f"{name}-{step}"
+            shutil.copytree(base, root)
+            done = _run(root, action, step)
+            found.append(_seen(root))
+            if done:
+                after = found[-1]
+            wrong += [f"step {step}: {line}" for line in _damage(root)]
+            shutil.rmtree(root)
+        if _shape(before) == _shape(after):
+            wrong.append("the action changed nothing")
+        for number, seen in enumerate(found, 1):
+            if _shape(seen) not in (_shape(before), _shape(after)):
+                wrong.append(f"step {number}: neither before nor after")
+        print(json.dumps({"action": name, "steps": step - 1, "wrong": wrong}))
+
+
+def _base(root: Path) -> dict[str, str]:
+    store = Store(root, MAX_BYTES)
+    used, free = _add_scan(store), _add_scan(store)
+    _add_model(store)
+    session = store.create_session({"scan_ids": [used], "name": "old"})
+    (store.session_folder(session) / "recording.sqlite").write_bytes(b"x" * 5000)
+    store.remember("a key", "print", {"answer": "old"})
+    store.close()
+    return {"used": used, "free": free, "session": session}
+
+
+def _add_scan(store: Store) -> str:
+    with store.staging() as staging:
+        write_scan(staging.folder / "scan.npz", SCAN)
+        return str(store.add_scan(staging.folder / "scan.npz", "a.pcd", {"points": 6})["id"])
+
+
+def _add_model(store: Store) -> str:
+    with store.staging() as staging:
+        (staging.folder / "a.urdf").write_text("<robot/>")
+        return str(store.add_model(staging.folder / "a.urdf", "a.urdf", {"name": "a"})["id"])
+
+
+def _run(root: Path, action: Callable[[Store], object], step: int) -> bool:
+    """Let a child begin `action` and die before its `step`-th change of the disk; whether it came to its end."""
+    child = os.fork()
+    if child == 0:
+        left = step
+        store = Store(root, MAX_BYTES)
+
+        def count(event: str, arguments: tuple[object, ...]) -> None:
+            nonlocal left
+            if event in STEPS:
+                left -= 1
+                if left == 0:
+                    os._exit(9)
+
+        sys.addaudithook(count)
+        try:
+            action(store)
+        except BaseException:
+            os._exit(1)
+        os._exit(0)
+    status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    if status == 1:
+        raise SystemExit(f"the action failed in {root.name}")
+    return status == 0
+
+
+def _seen(root: Path) -> dict[str, object]:
+    """What the next start finds."""
+    store = Store(root, MAX_BYTES)
+    try:
+        seen: dict[str, object] = {kind: getattr(store, kind)() for kind in ("models", "scans", "recordings")}
+        return seen | {"sessions": dict(store.sessions()), "key": store.remembered("a key")}
+    finally:
+        store.close()
+
+
+def _shape(seen: dict[str, object] | None) -> object:
+    """What does not depend on chance: how many entries, and what sessions and the key say."""
+    if seen is None:
+        return None
+    counts = [len(seen[kind]) for kind in KINDS]  # type: ignore[arg-type]
+    names = sorted(str(found and found.get("name")) for found in seen["sessions"].values())  # type: ignore[attr-defined]
+    return counts, names, seen["key"]
+
+
+def _damage(root: Path) -> list[str]:
+    wrong = []
+    store = Store(root, MAX_BYTES)
+    for scan in store.scans():
+        if not np.array_equal(store.load_scan(scan["id"]).depth, SCAN.depth):
+            wrong.append("a scan is damaged")
+    for model in store.models():
+        if store.model_path(model["id"]).read_text() != "<robot/>":
+            wrong.append("a model is damaged")
+    if any(document is None for _, document in store.sessions()):
+        wrong.append("a session is damaged")
+    if any((root / "incoming").iterdir()):
+        wrong.append("incoming/ is not empty")
+    for kind in KINDS:
+        entries = getattr(store, kind)()
+        listed = {entry[0] if kind == "sessions" else entry["id"] for entry in entries}
+        if {place.name for place in (root / kind).iterdir()} != listed:
+            wrong.append(f"{kind}/ holds a folder that is not listed")
+    if store.used_bytes() != sum(folder_size(root / kind) for kind in KINDS):
+        wrong.append("the bytes are not counted right")
+    store.close()
+    return wrong
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,195 @@
+"""Events: every listener hears everything in order, and after a break what it has missed."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import httpx
+import pytest
+
+from app.events import BLOCK, KEPT, Event, Events
+from app.schemas import Progress, TraceRow
+from app.sessions import Sessions
+from tests.app import small_sessions as small
+
+Heard = tuple[int, str, dict[str, Any]]
+
+
+@pytest.fixture(scope="module")
+def served(serve_for_module: Callable[..., Any]) -> Any:
+    return serve_for_module().ready()
+
+
+@pytest.fixture(scope="module")
+def client(served: Any) -> httpx.Client:
+    return served.client
+
+
+def listen(url: str, path: str, last: int | None = None, until: Callable[[Heard], bool] | None = None) -> list[Heard]:
+    """What a listener hears up to the first event that `until` holds for, or to the end of the stream."""
+    heard: list[Heard] = []
+    headers = {} if last is None else {"Last-Event-ID": str(last)}
+    with httpx.stream("GET", f"{url}{path}/events", headers=headers, timeout=None) as answer:
+        assert answer.status_code == 200 and answer.headers["content-type"].startswith("text/event-stream")
+        members: dict[str, str] = {}
+        for line in answer.iter_lines():
+            name, _, value = line.partition(": ")
+            if line:
+                members[name] = value
+            elif "data" in members:
+                heard.append((int(members["id"]), members["event"], json.loads(members["data"])))
+                members = {}
+                if until is not None and until(heard[-1]):
+                    break
+    return heard
+
+
+def paused_at(iteration: int) -> Callable[[Heard], bool]:
+    return lambda heard: heard[1] == "state" and (heard[2]["state"], heard[2]["iteration"]) == ("paused", iteration)
+
+
+def iterations(heard: list[Heard]) -> list[int]:
+    return [data["iteration"] for _, kind, data in heard if kind == "iteration"]
+
+
+def assert_rising(heard: list[Heard]) -> None:
+    ids = [number for number, _, _ in heard]
+    assert ids == sorted(ids) and len(set(ids)) == len(ids)
+
+
+def test_a_listener_hears_how_things_stand_and_then_everything(served: Any, client: httpx.Client) -> None:
+    path = small.create(client)
+    small.step(client, path, 2)
+    heard: list[Heard] = []
+    listener = threading.Thread(target=lambda: heard.extend(listen(served.url, path, None, paused_at(7))))
+    listener.start()
+    while not session_of(served, path).events._listeners:
+        pass
+    client.post(f"{path}/run", json={"iterations": 5})
+    listener.join()
+    assert [kind for _, kind, _ in heard[:2]] == ["iteration", "state"] and heard[1][2]["state"] == "paused"
+    assert iterations(heard) == [2, 3, 4, 5, 6, 7]
+    assert [data["state"] for _, kind, data in heard if kind == "state"] == ["paused", "running", "paused"]
+    assert_rising(heard[2:])
+    rows = client.get(f"{path}/trace?after=1").json()["iterations"]
+    assert [data for _, kind, data in heard if kind == "iteration"] == rows
+    assert [number for number, kind, _ in heard if kind == "iteration"] == [row["event"] for row in rows]
+    for _, kind, data in heard:
+        (TraceRow if kind == "iteration" else Progress).model_validate(data)
+
+
+def test_fifty_listeners_hear_every_iteration_in_order(served: Any, client: httpx.Client) -> None:
+    path = small.create(client)
+    heard: list[list[Heard]] = [[] for _ in range(50)]
+    threads = [
+        threading.Thread(target=lambda mine=mine: mine.extend(listen(served.url, path, None, paused_at(30))))
+        for mine in heard
+    ]
+    for thread in threads:
+        thread.start()
+    while len(session_of(served, path).events._listeners) < 50:
+        pass
+    client.post(f"{path}/run", json={"iterations": 30})
+    for thread in threads:
+        thread.join()
+    assert all(iterations(mine) == [*range(31)] for mine in heard)
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_what_was_missed_is_heard_after_a_break(serve: Callable[..., Any], restarted: bool) -> None:
+    """Also after a restart, when only the recording knows it; and the numbers go on rising."""
+    served = serve()
+    client = served.client
+    path = small.create(client)
+    small.step(client, path, 4)
+    before = listen(served.url, path, 0, paused_at(4))
+    seen = next(number for number, kind, data in before if kind == "iteration" and data["iteration"] == 2)
+    if restarted:
+        served.app.state.sessions.close()
+        served.app.state.sessions = Sessions(served.app.state.store, served.config)
+        served.app.state.sessions.restore()
+    missed = listen(served.url, path, seen, paused_at(4))
+    assert iterations(missed) == [3, 4]
+    assert_rising(missed)
+    last = missed[-1][0]
+    assert last >= before[-1][0] and (not restarted or last == BLOCK)
+    small.step(client, path, 2)
+    after = listen(served.url, path, last, paused_at(6))
+    assert iterations(after) == [5, 6] and after[0][0] > last
+    client.post(f"{path}/reset")
+    anew = listen(served.url, path, after[-1][0], paused_at(0))
+    assert iterations(anew) == [0]
+    assert_rising(before + after + anew)
+
+
+def test_a_failure_is_an_event(served: Any, client: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    from app import session as session_module
+
+    def fail(*arguments: object) -> None:
+        raise MemoryError("no room")
+
+    path = small.create(client)
+    with monkeypatch.context() as patch:
+        patch.setattr(session_module.estimation, "following", fail)
+        client.post(f"{path}/step")
+    heard = listen(served.url, path, 0, lambda heard: heard[1] == "error")
+    assert heard[-1][2] == {"error": "iteration 1 could not be made: MemoryError: no room", "iteration": 0}
+    assert heard[-2][2]["state"] == "failed"
+
+
+def test_the_stream_ends_with_the_session(served: Any, client: httpx.Client) -> None:
+    path = small.create(client)
+    heard: list[Heard] = []
+    listener = threading.Thread(target=lambda: heard.extend(listen(served.url, path)))
+    listener.start()
+    session = session_of(served, path)
+    while not session.events._listeners:
+        pass
+    client.delete(path)
+    listener.join()
+    assert iterations(heard) == [0]
+    while session.events._listeners:
+        pass
+
+
+def test_a_last_event_id_that_is_no_number_is_refused(served: Any, client: httpx.Client) -> None:
+    path = small.create(client)
+    answer = client.get(f"{path}/events", headers={"Last-Event-ID": "yesterday"})
+    assert answer.status_code == 422 and answer.headers["content-type"] == "application/problem+json"
+
+
+def test_numbers_are_set_aside_before_they_are_used() -> None:
+    reserved: list[int] = []
+    events = Events(1, 1, reserved.append)
+    assert [events.number() for _ in range(BLOCK + 1)] == [*range(1, BLOCK + 2)]
+    assert reserved == [1 + BLOCK, 1 + 2 * BLOCK]
+    again = Events(reserved[-1], reserved[-1], reserved.append)
+    assert again.last == 2 * BLOCK and again.number() == 1 + 2 * BLOCK
+
+
+def test_a_slow_listener_gets_the_newest_and_holds_nobody_up() -> None:
+    events = Events()
+    woken: list[int] = []
+    end = events.listen(lambda: woken.append(1))
+    for number in range(1, KEPT + 101):
+        events.publish(Event(number, "iteration", b"{}"))
+    found = [event.number for event in events.since(0)]
+    assert found == [*range(101, KEPT + 101)] and len(woken) == KEPT + 100
+    end()
+    events.publish(Event(KEPT + 101, "iteration", b"{}"))
+    assert len(woken) == KEPT + 100
+
+
+def session_of(served: Any, path: str) -> Any:
+    return served.app.state.sessions.get(path.rpartition("/")[2])
+
+
+@pytest.fixture(autouse=True)
+def fresh(served: Any) -> Iterator[None]:
+    """No session of one test runs on into the next."""
+    yield
+    for session in served.app.state.sessions.list():
+        served.client.delete(f"/api/v1/sessions/{session['id']}")

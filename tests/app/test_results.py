@@ -1,0 +1,249 @@
+"""Results over REST: they are `pmpnbp estimate`'s number for number, at any iteration and in every form."""
+
+from __future__ import annotations
+
+import io
+import json
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from app import cli
+from app.json_text import json_bytes
+from app.schemas import BeliefParticles, Decision, Estimate, MessageParticles, Trace
+from pmpnbp.geometry import poses
+from pmpnbp.readout import posterior
+from pmpnbp.recording import Recording
+from tests.app import small_sessions as small
+
+LINKS = ["frame", "drawer1", "handle1", "drawer2", "handle2", "drawer3", "handle3"]
+
+
+@pytest.fixture(scope="module")
+def served(serve_for_module: Callable[..., Any]) -> Any:
+    return serve_for_module().ready()
+
+
+@pytest.fixture(scope="module")
+def client(served: Any) -> httpx.Client:
+    return served.client
+
+
+@pytest.fixture(scope="module")
+def path(client: httpx.Client) -> str:
+    """A session at iteration 6, whose truth is known."""
+    truth = json.loads((small.CABINET / "open" / "truth.json").read_text())
+    made = small.create(client, truth={name: truth[name] for name in ("links", "joints")}, name="a cabinet/open")
+    small.step(client, made, 6)
+    return made
+
+
+def problem(answer: httpx.Response, status: int, text: str) -> None:
+    assert (answer.status_code, answer.headers["content-type"]) == (status, "application/problem+json"), answer.text
+    assert text in answer.json()["detail"]
+
+
+@pytest.mark.parametrize("prior", [None, "prior.json"])
+def test_a_session_equals_the_command_line(client: httpx.Client, tmp_path: Path, prior: str | None) -> None:
+    """Number for number, every iteration of the recording too; `seconds` excepted."""
+    scene = small.CABINET / "open"
+    options = [f"--config={name}={value}" for name, value in small.QUICK.items()]
+    options += [] if prior is None else ["--prior", str(scene / prior)]
+    status = cli.main(
+        [
+            "estimate", str(small.CABINET / "cabinet.urdf"), str(scene / "depth.png"), "--camera",
+            str(scene / "camera.json"), f"--roi={','.join(str(number) for number in small.REGION)}",
+            "--particles", "40", "--seed", "11", "--iterations", "60", "--quiet", *options,
+            "--out", str(tmp_path / "result.json"), "--recording", str(tmp_path / "command.sqlite"),
+        ]
+    )  # fmt: skip
+    assert status == 0
+    known = None if prior is None else json.loads((scene / prior).read_text())
+    path = small.create(client, prior=known)
+    client.post(f"{path}/run", json={"iterations": 60, "until": "converged"})
+    small.at_rest(client, path)
+    expected = json.loads((tmp_path / "result.json").read_text())
+    del expected["seconds"]
+    assert small.numbers(client, path) == expected
+    (tmp_path / "session.sqlite").write_bytes(client.get(f"{path}/recording").content)
+    with Recording(tmp_path / "command.sqlite") as one, Recording(tmp_path / "session.sqlite") as other:
+        assert one.iterations() == other.iterations()
+        for number in one.iterations():
+            mine, theirs = one.report(number), other.report(number)
+            assert mine.belief.poses.tobytes() == theirs.belief.poses.tobytes()
+            assert mine.belief.log_weights.tobytes() == theirs.belief.log_weights.tobytes()
+            assert mine.mle.tobytes() == theirs.mle.tobytes()
+
+
+def test_an_estimate_is_what_its_description_says(client: httpx.Client, path: str) -> None:
+    answer = client.get(f"{path}/estimate")
+    Estimate.model_validate_json(answer.content)
+    found = answer.json()
+    assert found["session_id"] == path.rpartition("/")[2] and found["state"] == "paused"
+    assert list(found["links"]) == LINKS and found["schema"] == "pmpnbp/estimate-1"
+
+
+def test_an_older_estimate_is_told_as_it_was_when_it_was_new(client: httpx.Client) -> None:
+    path = small.create(client)
+    told = [client.get(f"{path}/estimate").content]
+    for _ in range(4):
+        small.step(client, path)
+        told.append(client.get(f"{path}/estimate").content)
+    assert [client.get(f"{path}/estimate?iteration={number}").content for number in range(5)] == told
+    problem(client.get(f"{path}/estimate?iteration=5"), 404, "iteration 5 of session")
+    problem(client.get(f"{path}/estimate?iteration=5"), 404, "is not here; it has 0 to 4")
+    problem(client.get(f"{path}/estimate?iteration=-1"), 422, "iteration in the query")
+
+
+def test_wait_answers_when_it_is_so(client: httpx.Client) -> None:
+    path = small.create(client)
+    client.post(f"{path}/run", json={"iterations": 5000, "until": "converged"})
+    found = client.get(f"{path}/estimate?wait=converged&timeout=600").json()
+    assert found["converged"]
+    found = client.get(f"{path}/estimate?wait=idle&timeout=600").json()
+    assert found["state"] == "paused" and found["converged"]
+    # nothing iterates: it will never be certain, and nobody waits for it
+    assert not client.get(f"{path}/estimate?wait=certain&timeout=600").json()["certain"]
+
+
+def test_wait_ends_with_its_time_or_with_a_pause(client: httpx.Client) -> None:
+    path = small.create(client)
+    client.post(f"{path}/run", json={"iterations": 100_000})
+    began = time.monotonic()
+    assert client.get(f"{path}/estimate?wait=idle&timeout=0.3").json()["state"] == "running"
+    assert time.monotonic() - began >= 0.3
+    threading.Timer(0.3, lambda: httpx.post(f"{client.base_url}{path.lstrip('/')}/pause", timeout=None)).start()
+    assert client.get(f"{path}/estimate?wait=idle&timeout=600").json()["state"] == "paused"
+
+
+def test_a_belief_is_what_the_estimate_is_read_from(client: httpx.Client, path: str) -> None:
+    """The covariance of the estimate follows from the particles and weights."""
+    estimate = client.get(f"{path}/estimate").json()
+    for link in LINKS:
+        answer = client.get(f"{path}/beliefs/{link}")
+        BeliefParticles.model_validate_json(answer.content)
+        found = answer.json()
+        assert (found["link"], found["iteration"], found["frame_id"]) == (link, 6, "world")
+        assert found["part"] == link.replace("handle", "drawer")
+        particles = np.array(found["particles"])
+        weights = np.exp(np.array([-np.inf if one is None else one for one in found["log_weights"]]))
+        assert particles.shape == (40, 7) and weights.sum() == pytest.approx(1)
+        pose = estimate["links"][link]["pose"]
+        middle = np.array([*(pose["position"][n] for n in "xyz"), *(pose["orientation"][n] for n in "wxyz")])
+        np.testing.assert_allclose(
+            posterior.covariance(middle, particles, weights).reshape(-1), estimate["links"][link]["covariance"],
+            atol=1e-12,
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("place", ["beliefs/handle1", "messages/frame/handle1"])
+def test_particles_are_the_same_in_every_form(client: httpx.Client, path: str, place: str) -> None:
+    told = client.get(f"{path}/{place}?iteration=5").json()
+    particles = np.array(told["particles"])
+    npz = client.get(f"{path}/{place}?iteration=5&format=npz")
+    with np.load(io.BytesIO(npz.content)) as file:
+        assert file["particles"].tobytes() == particles.tobytes()
+        weights = file["log_weights"]
+        assert [None if one == -np.inf else one for one in weights.tolist()] == told["log_weights"]
+        assert (file["frame_id"], file["iteration"]) == ("world", 5)
+    ply = client.get(f"{path}/{place}?iteration=5&format=ply")
+    assert ".ply" in ply.headers["content-disposition"]
+    header, _, data = ply.content.partition(b"end_header\n")
+    names = [line.split()[2].decode() for line in header.splitlines() if line.startswith(b"property double ")]
+    assert f"element vertex {len(particles)}".encode() in header
+    table = np.frombuffer(data, "<f8").reshape(-1, len(names))
+    assert names[:8] == ["x", "y", "z", "qw", "qx", "qy", "qz", "log_weights"]
+    assert table[:, :7].tobytes() == particles.tobytes() and table[:, 7].tobytes() == weights.tobytes()
+    problem(client.get(f"{path}/{place}?format=xml"), 422, "format in the query")
+
+
+def test_a_message_is_the_recordings(client: httpx.Client, path: str, tmp_path: Path) -> None:
+    """Poses of the receiver's part, carried to the link that was named."""
+    (tmp_path / "run.sqlite").write_bytes(client.get(f"{path}/recording").content)
+    with Recording(tmp_path / "run.sqlite") as recording:
+        messages, model = recording.report(6).messages, recording.problem(6).mrf.model
+    assert messages is not None
+    names = [part.name for part in model.parts]
+    for sender, receiver in (("handle2", "frame"), ("frame", "handle2")):
+        answer = client.get(f"{path}/messages/{sender}/{receiver}")
+        MessageParticles.model_validate_json(answer.content)
+        found = answer.json()
+        ends = (names.index(found["from"]), names.index(found["to"]))
+        (number,) = np.flatnonzero((messages.sender == ends[0]) & (messages.receiver == ends[1]))
+        part = model.parts[ends[1]]
+        expected = poses.multiply(messages.poses[number], part.poses_part_link[part.links.index(receiver)])
+        np.testing.assert_array_equal(found["particles"], expected)
+        assert found["link"] == receiver and len(found["log_neighbour"]) == 40
+
+
+def test_what_is_not_there_is_named(client: httpx.Client, path: str) -> None:
+    problem(client.get(f"{path}/beliefs/door"), 404, "link 'door' is not in the model; it has frame, drawer1")
+    problem(client.get(f"{path}/beliefs/frame?iteration=9"), 404, "it has 0 to 6")
+    problem(
+        client.get(f"{path}/messages/drawer1/drawer2"), 404, "no message goes from 'drawer1' to 'drawer2'; there are"
+    )
+    problem(client.get(f"{path}/messages/door/frame"), 404, "link 'door' is not in the model")
+    problem(client.get(f"{path}/messages/frame/drawer1?iteration=1"), 404, "iteration 1 (search) has no messages")
+    problem(client.get(f"{path}/decision?links=frame,door"), 404, "link 'door' is not in the model")
+
+
+def test_the_trace_tells_each_iteration(client: httpx.Client, path: str) -> None:
+    answer = client.get(f"{path}/trace")
+    Trace.model_validate_json(answer.content)
+    rows = answer.json()["iterations"]
+    assert [row["iteration"] for row in rows] == [0, 1, 2, 3, 4, 5, 6]
+    assert [row["stage"] for row in rows][:4] == ["start", "search", "search", "belief propagation"]
+    assert rows[0]["log_likelihood"] is None  # the start has none; NaN would be no JSON
+    estimate = client.get(f"{path}/estimate").json()
+    assert rows[6]["std_xyz"] == {link: estimate["links"][link]["std_xyz"] for link in LINKS}
+    assert rows[6]["add"] == {name: part["add"] for name, part in estimate["truth"]["parts"].items()}
+    assert set(rows[6]["effective_sample_size"]) == set(rows[6]["add"])
+    assert [row["elapsed"] for row in rows] == sorted(row["elapsed"] for row in rows)
+    assert client.get(f"{path}/trace?after=4").json()["iterations"] == rows[5:]
+
+
+def test_the_decision_is_to_act_where_all_asked_links_are_certain(client: httpx.Client, path: str) -> None:
+    links = client.get(f"{path}/estimate").json()["links"]
+    worst = {name: max(link["std_xyz"]) for name, link in links.items()}
+    ordered = sorted(worst, key=lambda name: worst[name])
+    limit = worst[ordered[3]]
+    found = client.get(f"{path}/decision?max_std={limit}").json()
+    Decision.model_validate(found)
+    assert (found["action"], found["certain"], found["views"]) == ("look", False, [])
+    assert set(found["blocking"]) == {name for name in worst if worst[name] > limit} != set()
+    asked = ",".join(ordered[:2])
+    found = client.get(f"{path}/decision?links={asked}&max_std={limit}").json()
+    assert (found["action"], found["certain"], found["blocking"], found["links"]) == ("act", True, [], ordered[:2])
+    assert client.get(f"{path}/decision").json()["max_std"] == 0.0025
+
+
+def test_the_recording_is_one_file_also_while_it_is_written(client: httpx.Client, tmp_path: Path) -> None:
+    path = small.create(client, name="../a kitchen")
+    client.post(f"{path}/run", json={"iterations": 100_000})
+    while client.get(path).json()["iteration"] < 8:
+        time.sleep(small.PATIENCE)
+    answer = client.get(f"{path}/recording")
+    client.post(f"{path}/pause")
+    assert answer.headers["content-type"] == "application/vnd.sqlite3"
+    assert 'filename="a_kitchen.sqlite"' in answer.headers["content-disposition"]
+    (tmp_path / "run.sqlite").write_bytes(answer.content)
+    with Recording(tmp_path / "run.sqlite") as recording:
+        there = recording.iterations()
+        assert recording.sound() and there == [*range(there[-1] + 1)] and there[-1] >= 8
+        recording.state(there[-1])
+
+
+def test_no_copy_of_a_recording_stays(served: Any, path: str) -> None:
+    served.client.get(f"{path}/recording")
+    assert [left for left in (served.config.data_dir / "incoming").iterdir() if left.suffix == ".download"] == []
+
+
+def test_what_json_does_not_have_becomes_null() -> None:
+    told = {"a": float("nan"), "b": [1.5, float("-inf")], "c": {"d": (float("inf"), "ü")}}
+    assert json.loads(json_bytes(told)) == {"a": None, "b": [1.5, None], "c": {"d": [None, "ü"]}}

@@ -1,0 +1,186 @@
+"""Does `pmpnbp serve` start where it is told to, say so in one line, and stop when told to?"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from app.routes.start_page import MEDIA_TYPES, STATIC
+from app.serve_command import link
+from app.server_config import ServerConfig, config_from, default_data_dir, environment_name
+from pmpnbp.errors import SettingError
+
+PROJECT = Path(__file__).resolve().parents[2]
+
+
+def test_it_says_where_it_is_and_stops_when_told_to(served_process: Callable[..., Any]) -> None:
+    process = served_process()
+    assert process.first_line.startswith("http://127.0.0.1:") and "token" not in process.first_line
+    assert process.client.get("/healthz").json()["status"] == "ok"
+    assert process.client.get("/").headers["content-type"] == "text/html; charset=utf-8"
+    assert process.stop() == 0
+    assert process.process.stdout.read() == ""  # one line, and no more
+
+
+def test_it_stops_at_once_while_streams_are_open(served_process: Callable[..., Any]) -> None:
+    """A connection that asks for nothing, and one in the middle of a request, do not keep it."""
+    process = served_process()
+    host, port = process.url.removeprefix("http://").split(":")
+    with socket.create_connection((host, int(port))), socket.create_connection((host, int(port))) as half:
+        half.sendall(b"GET /healthz HTTP/1.1\r\n")
+        assert process.stop() == 0
+
+
+def test_ctrl_c_is_no_failure(served_process: Callable[..., Any]) -> None:
+    process = served_process()
+    process.process.send_signal(signal.SIGINT)
+    assert process.process.wait() == 0
+
+
+def test_another_host_gets_a_token_that_is_printed_once(served_process: Callable[..., Any]) -> None:
+    process = served_process("--host", "0.0.0.0")
+    token = process.client.headers["Authorization"].removeprefix("Bearer ")
+    assert len(token) >= 24
+    assert process.client.get("/api/v1/settings").status_code == 200
+    assert httpx.get(f"{process.url}/api/v1/settings").status_code == 401
+    page = httpx.get(f"{process.url}/", params={"token": token}, follow_redirects=False)
+    assert page.status_code == 303
+    assert process.stop() == 0
+
+
+def test_a_token_can_be_given(served_process: Callable[..., Any]) -> None:
+    process = served_process(environment={"PMPNBP_TOKEN": "from-outside"})
+    assert process.first_line.rstrip().endswith("/?token=from-outside")
+    assert process.client.get("/api/v1/settings").status_code == 200
+
+
+def test_the_sample_session_is_open(served_process: Callable[..., Any]) -> None:
+    process = served_process("--demo").ready()
+    while not (sessions := process.client.get("/api/v1/sessions").json()):
+        time.sleep(0.05)
+    path = f"/api/v1/sessions/{sessions[0]['id']}"
+    assert process.client.get(f"{path}/estimate", params={"wait": "idle", "timeout": 60}).status_code == 200
+    assert process.client.get(sessions[0]["view_url"]).status_code == 200
+    assert process.stop() == 0
+    # once more: the same session, not a second one
+    process = served_process("--demo").ready()
+    time.sleep(0.2)
+    assert [entry["id"] for entry in process.client.get("/api/v1/sessions").json()] == [sessions[0]["id"]]
+    assert process.stop() == 0
+
+
+def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "app.cli", "serve", *arguments]
+    return subprocess.run(command, cwd=PROJECT, env=os.environ | environment, capture_output=True, text=True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "environment", "sentence"),
+    [
+        (["--port", "70000"], {}, "pmpnbp serve: server setting 'port' is 70000; it must be from 0 to 65535"),
+        (["--max-running", "0"], {}, "pmpnbp serve: server setting 'max_running' is 0; it must be at least 1"),
+        (["--port", "x"], {}, "pmpnbp serve: argument --port: it is 'x'; it must be a whole number; see pmpnbp serve "
+         "--help"),
+        ([], {"PMPNBP_PORT": "many"}, "pmpnbp serve: PMPNBP_PORT is 'many'; it must be a whole number"),
+        ([], {"PMPNBP_DEMO": "perhaps"}, "pmpnbp serve: PMPNBP_DEMO is 'perhaps'; it must be true or false"),
+        (["--token", " "], {}, "pmpnbp serve: server setting 'token' is empty or has characters that a header cannot "
+         "carry"),
+        (["--host", "256.1.1.1"], {}, "pmpnbp serve: the server cannot listen at 256.1.1.1:0"),
+    ],
+)  # fmt: skip
+def test_a_setting_that_cannot_be_is_one_sentence(
+    arguments: list[str], environment: dict[str, str], sentence: str, tmp_path: Path
+) -> None:
+    port = [] if "--port" in arguments or "PMPNBP_PORT" in environment else ["--port", "0"]
+    found = run("--data-dir", str(tmp_path / "data"), *port, *arguments, **environment)
+    assert found.returncode == 2 and found.stdout == ""
+    assert found.stderr.startswith(sentence) and found.stderr.count("\n") == 1
+    assert not (tmp_path / "data").exists()
+
+
+def test_a_port_that_is_taken_is_said(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        found = run("--data-dir", str(tmp_path), "--port", str(port))
+    assert found.returncode == 2
+    assert found.stderr == f"pmpnbp serve: the server cannot listen at 127.0.0.1:{port}: Address already in use\n"
+
+
+def test_a_data_directory_in_use_is_said(served_process: Callable[..., Any]) -> None:
+    process = served_process()
+    found = run("--data-dir", str(process.data_dir), "--port", "0")
+    assert found.returncode == 2 and found.stdout == ""
+    assert found.stderr.startswith("pmpnbp serve: the data directory") and found.stderr.count("\n") == 1
+
+
+def test_options_go_before_the_environment_before_the_defaults() -> None:
+    environment = {"PMPNBP_PORT": "1", "PMPNBP_HOST": "::1", "PMPNBP_DEMO": "yes", "PMPNBP_PARSE_SECONDS": "2.5"}
+    config = config_from({"port": 2, "host": None}, environment)
+    assert (config.port, config.host, config.demo, config.parse_seconds) == (2, "::1", True, 2.5)
+    assert config.max_running == 2
+    assert config_from({"demo": False}, environment).demo is False
+    assert config_from({}, {"PMPNBP_TOKEN": "", "PMPNBP_DATA_DIR": "~/there"}).data_dir == Path.home() / "there"
+
+
+def test_every_setting_has_a_name_and_a_word_of_help() -> None:
+    for entry in fields(ServerConfig):
+        assert entry.metadata["help"], entry.name
+        assert environment_name(entry.name) == "PMPNBP_" + entry.name.upper()
+    with pytest.raises(SettingError, match="PMPNBP_PARSE_SECONDS is 'nan'; it must be a finite number"):
+        config_from({}, {"PMPNBP_PARSE_SECONDS": "nan"})
+    with pytest.raises(SettingError, match="'host' is empty"):
+        ServerConfig(host="")
+
+
+def test_data_goes_where_the_system_keeps_users_data() -> None:
+    assert default_data_dir({"XDG_DATA_HOME": "/x"}) == Path("/x/pmpnbp")
+    assert default_data_dir({"XDG_DATA_HOME": "not/absolute"}) == Path.home() / ".local/share/pmpnbp"
+
+
+def test_the_link_fits_the_address() -> None:
+    assert link(ServerConfig(host="::1", port=80)) == "http://[::1]:80/"
+    assert link(ServerConfig(host="0.0.0.0", port=81, token="a")) == "http://0.0.0.0:81/?token=a"
+
+
+@pytest.fixture(scope="module")
+def page(serve_for_module: Callable[..., Any]) -> Iterator[httpx.Client]:
+    yield serve_for_module().client
+
+
+def test_the_pages_files_are_served_and_no_others(page: httpx.Client) -> None:
+    text = page.get("/").text
+    for path in STATIC.iterdir():
+        answer = page.get(f"/static/{path.name}")
+        assert answer.content == path.read_bytes()
+        assert answer.headers["content-type"] == MEDIA_TYPES[path.suffix]
+    for name in ("nothing.js", "..%2fpyproject.toml", "%2e%2e%2fREADME.md", ".", "%00"):
+        assert page.get(f"/static/{name}").status_code == 404
+    assert "/static/style.css" in text and "://" not in text
+    assert page.get("/favicon.ico").headers["content-type"] == "image/svg+xml"
+
+
+def test_metrics_are_prometheus_text(page: httpx.Client) -> None:
+    page.get("/nowhere")
+    answer = page.get("/metrics")
+    assert answer.headers["content-type"].startswith("text/plain; version=0.0.4")
+    samples = {}
+    for line in answer.text.splitlines():
+        if not line.startswith("#"):
+            name, value = line.rsplit(" ", 1)
+            samples[name] = float(value)
+    assert samples['pmpnbp_http_requests_total{method="GET",status="404"}'] >= 1
+    assert samples["pmpnbp_clients"] == 1
+    assert samples["pmpnbp_uptime_seconds"] > 0 and samples["pmpnbp_resident_memory_bytes"] > 1e7
+    names = {line.split()[2] for line in answer.text.splitlines() if line.startswith("# TYPE")}
+    assert {name.split("{")[0] for name in samples} <= names

@@ -1,0 +1,368 @@
+"""Sessions over REST: what they are told to do, what they refuse, and that a restart changes no number."""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from app.sessions import Sessions
+from app.slots import Slots
+from tests.app import small_sessions as small
+
+
+@pytest.fixture(scope="module")
+def shared(serve_for_module: Callable[..., Any]) -> Any:
+    """One server for all tests that leave it as it is."""
+    return serve_for_module(max_running=1, max_sessions=40).ready()
+
+
+@pytest.fixture(scope="module")
+def client(shared: Any) -> httpx.Client:
+    return shared.client
+
+
+@pytest.fixture(scope="module")
+def model_id(client: httpx.Client) -> str:
+    return small.upload_model(client)
+
+
+@pytest.fixture(scope="module")
+def scan_id(client: httpx.Client) -> str:
+    return small.upload_scan(client)
+
+
+@pytest.fixture
+def path(client: httpx.Client, model_id: str, scan_id: str) -> Iterator[str]:
+    made = small.create(client, model_id=model_id, scan_id=scan_id)
+    yield made
+    client.delete(made)
+
+
+def problem(answer: httpx.Response, status: int, text: str) -> None:
+    assert (answer.status_code, answer.headers["content-type"]) == (status, "application/problem+json"), answer.text
+    assert text in answer.json()["detail"]
+
+
+def test_a_session_begins_paused_at_the_start(client: httpx.Client, path: str, model_id: str, scan_id: str) -> None:
+    found = client.get(path).json()
+    id = path.rpartition("/")[2]
+    assert found["view_url"] == f"/sessions/{id}/view/"
+    assert (found["state"], found["iteration"], found["iterations"], found["error"]) == ("paused", 0, 100, None)
+    assert (found["model_id"], found["scan_ids"], found["config"]) == (model_id, [scan_id], small.QUICK)
+    assert (found["seed"], found["particles"], found["method"], found["roi"]) == (11, 40, "pmpnbp", small.REGION)
+    assert found in client.get("/api/v1/sessions").json()
+    assert client.get(f"{path}/estimate").json()["iteration"] == 0
+
+
+def test_run_step_pause_reset(client: httpx.Client, path: str) -> None:
+    assert small.step(client, path, 2)["iteration"] == 2
+    answer = client.post(f"{path}/run", json={"iterations": 3})
+    assert answer.status_code == 202
+    assert (answer.json()["state"], answer.json()["iterations"]) == ("running", 5)
+    assert small.at_rest(client, path)["iteration"] == 5
+    assert client.post(f"{path}/pause").json()["state"] == "paused"
+    reset = client.post(f"{path}/reset").json()
+    assert (reset["state"], reset["iteration"]) == ("paused", 0)
+    assert len(client.get(f"{path}/trace").json()["iterations"]) == 1
+
+
+def test_run_without_a_number_goes_to_the_sessions_own_and_then_on(
+    client: httpx.Client, model_id: str, scan_id: str
+) -> None:
+    path = small.create(client, model_id=model_id, scan_id=scan_id, iterations=4)
+    small.step(client, path)
+    for last in (4, 8):
+        assert client.post(f"{path}/run").json()["iterations"] == last
+        assert small.at_rest(client, path)["iteration"] == last
+
+
+def test_run_until_converged_stops_there(client: httpx.Client, path: str) -> None:
+    client.post(f"{path}/run", json={"iterations": 1000, "until": "converged"})
+    found = small.at_rest(client, path)
+    rows = client.get(f"{path}/trace").json()["iterations"]
+    assert found["converged"] and found["iteration"] < 1000
+    assert [row["converged"] for row in rows].index(True) == len(rows) - 1
+    # at rest already: nothing is left to do
+    client.post(f"{path}/run", json={"until": "converged"})
+    assert small.at_rest(client, path)["iteration"] == found["iteration"]
+
+
+def test_pause_stops_a_run_and_what_a_run_does_not_allow_is_refused(client: httpx.Client, path: str) -> None:
+    client.post(f"{path}/run", json={"iterations": 100_000})
+    problem(client.post(f"{path}/run"), 409, "is running; pause it first")
+    problem(client.post(f"{path}/step"), 409, "is running; pause it first")
+    found = client.post(f"{path}/pause").json()
+    assert found["state"] == "paused"
+    time.sleep(0.1)
+    assert client.get(path).json() == found
+    assert small.step(client, path)["iteration"] == found["iteration"] + 1
+
+
+def test_one_that_finds_too_many_running_waits_and_says_so(client: httpx.Client, model_id: str, scan_id: str) -> None:
+    paths = [small.create(client, model_id=model_id, scan_id=scan_id) for _ in range(3)]
+    states = [client.post(f"{path}/run", json={"iterations": 60}).json() for path in paths]
+    assert [found["state"] for found in states] == ["running", "waiting", "waiting"]
+    assert [found["position"] for found in states] == [None, 1, 2]
+    # fair: none is done before the last has begun
+    assert client.get(f"{paths[0]}/estimate?wait=idle").json()["iteration"] == 60
+    assert client.get(paths[2]).json()["iteration"] > 0
+    for path in paths[1:]:
+        assert small.at_rest(client, path)["iteration"] == 60
+    # taking turns changes no number
+    assert small.numbers(client, paths[0]) == small.numbers(client, paths[1]) == small.numbers(client, paths[2])
+    for path in paths:
+        client.delete(path)
+
+
+def test_a_waiting_one_hears_what_it_is_told(client: httpx.Client, model_id: str, scan_id: str) -> None:
+    first, second = (small.create(client, model_id=model_id, scan_id=scan_id) for _ in range(2))
+    client.post(f"{first}/run", json={"iterations": 100_000})
+    client.post(f"{second}/run", json={"iterations": 100_000})
+    changed = client.patch(second, json={"config": {"joint_draws": 3}}).json()
+    assert changed["config"]["joint_draws"] == 3
+    assert client.post(f"{second}/pause").json()["state"] == "paused"
+    assert client.delete(first).status_code == 204
+    assert client.delete(second).status_code == 204
+
+
+@pytest.mark.parametrize(
+    ("members", "status", "text"),
+    [
+        ({"model_id": "0" * 16}, 404, "model '0000000000000000' is not here"),
+        ({"scan_ids": ["0" * 16]}, 404, "scan '0000000000000000' is not here"),
+        ({"scan_ids": []}, 422, "scan_ids in the body"),
+        ({"config": {"sharpness": 3}}, 422, "setting 'sharpness' does not exist"),
+        ({"config": {"joint_draws": 0}}, 422, "setting 'joint_draws' is 0"),
+        ({"config": {"search_proposals": 10**9}}, 422, "a session takes at most 200000"),
+        ({"config": {"image_width": 16}}, 422, "work image's width is 16"),
+        ({"roi": [0, 0, 0, 0, 1, 1]}, 422, "is empty"),
+        ({"roi": [50, 50, 50, 51, 51, 51]}, 422, "no measured point lies in the region"),
+        ({"prior": {"kind": "gaussian", "link": "door"}}, 422, "link 'door' of the prior is not in the model"),
+        ({"method": "particle_filter"}, 422, "comes with a later version"),
+        ({"particles": 0}, 422, "particles in the body"),
+        ({"truth": {"links": {"frame": [1, 2]}}}, 422, "link 'frame' of the truth has no 4x4 matrix"),
+        ({"colour": "red"}, 422, "colour in the body"),
+    ],
+)
+def test_what_does_not_fit_makes_no_session(
+    client: httpx.Client, model_id: str, scan_id: str, members: dict[str, Any], status: int, text: str
+) -> None:
+    before = client.get("/api/v1/sessions").json()
+    problem(client.post("/api/v1/sessions", json=small.body(model_id, scan_id) | members), status, text)
+    assert client.get("/api/v1/sessions").json() == before
+
+
+def test_numbers_that_json_does_not_have_are_refused(client: httpx.Client, model_id: str, scan_id: str) -> None:
+    for text in ('"prior": {"kind": "uniform", "x": NaN}', '"roi": [0,0,0,1,1,Infinity]', '"config": {"a": -Infinity}'):
+        content = f'{{"model_id": "{model_id}", "scan_ids": ["{scan_id}"], {text}}}'
+        answer = client.post("/api/v1/sessions", content=content, headers={"Content-Type": "application/json"})
+        assert answer.status_code == 422, answer.text
+
+
+def test_a_change_that_does_not_fit_changes_nothing(client: httpx.Client, path: str, scan_id: str) -> None:
+    small.step(client, path, 3)
+    before, numbers = client.get(path).json(), small.numbers(client, path)
+    problem(client.patch(path, json={"config": {"sharpness": 3}}), 422, "setting 'sharpness' does not exist")
+    problem(client.patch(path, json={"config": {"image_width": 20}}), 422, "work image's width is 20")
+    problem(client.post(f"{path}/scans", json={"scan_id": "0" * 16}), 404, "is not here")
+    problem(client.post(f"{path}/scans", json={"scan_id": scan_id}), 409, "already")
+    assert (client.get(path).json(), small.numbers(client, path)) == (before, numbers)
+
+
+def test_unknown_sessions(client: httpx.Client) -> None:
+    for method, end in (("GET", ""), ("DELETE", ""), ("POST", "/run"), ("GET", "/estimate"), ("GET", "/events")):
+        problem(client.request(method, f"/api/v1/sessions/none{end}"), 404, "session 'none' is not here; there")
+
+
+def test_the_same_key_makes_one_session(client: httpx.Client, model_id: str, scan_id: str) -> None:
+    asked, key = small.body(model_id, scan_id), {"Idempotency-Key": "once"}
+    first, second = (client.post("/api/v1/sessions", json=asked, headers=key) for _ in range(2))
+    assert first.status_code == second.status_code == 201
+    assert first.json() == second.json() and first.headers["Location"] == second.headers["Location"]
+    assert client.get(first.headers["Location"]).status_code == 200
+    problem(client.post("/api/v1/sessions", json=asked | {"seed": 1}, headers=key), 422, "other content")
+
+
+def test_a_failing_iteration_is_kept_and_may_be_tried_again(
+    client: httpx.Client, path: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from app import session as session_module
+
+    small.step(client, path, 2)
+
+    def fail(*arguments: object) -> None:
+        raise MemoryError("no room for 3 particles")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(session_module.estimation, "following", fail)
+        problem(client.post(f"{path}/step"), 409, "is failed: iteration 3 could not be made: MemoryError: no room")
+    found = client.get(path).json()
+    assert (found["state"], found["iteration"]) == ("failed", 2)
+    assert found["error"] == "iteration 3 could not be made: MemoryError: no room for 3 particles"
+    found = small.step(client, path)
+    assert (found["state"], found["iteration"], found["error"]) == ("paused", 3, None)
+
+
+def test_deleting_a_running_session_stops_it(client: httpx.Client, model_id: str, scan_id: str) -> None:
+    path = small.create(client, model_id=model_id, scan_id=scan_id)
+    client.post(f"{path}/run", json={"iterations": 100_000})
+    name = f"session-{path.rpartition('/')[2]}"
+    assert name in [thread.name for thread in threading.enumerate()]
+    assert client.delete(path).status_code == 204
+    assert name not in [thread.name for thread in threading.enumerate()]
+    assert client.get(path).status_code == 404
+
+
+def test_no_more_sessions_than_the_limit(serve: Callable[..., Any]) -> None:
+    client = serve(max_sessions=2).client
+    model_id, scan_id = small.upload_model(client), small.upload_scan(client)
+    paths = [small.create(client, model_id=model_id, scan_id=scan_id) for _ in range(2)]
+    answer = client.post("/api/v1/sessions", json=small.body(model_id, scan_id))
+    problem(answer, 429, "there are 2 sessions, the most that are kept")
+    assert "retry-after" in answer.headers
+    client.delete(paths[0])
+    small.create(client, model_id=model_id, scan_id=scan_id)
+
+
+def restart(served: Any) -> None:
+    """As the server's stop and start do it, with sessions that know only what is on the disk."""
+    served.app.state.sessions.close()
+    served.app.state.sessions = Sessions(served.app.state.store, served.config)
+    served.app.state.sessions.restore()
+
+
+def history(client: httpx.Client, path: str, count: int) -> list[dict[str, Any]]:
+    return [small.numbers(client, path, iteration) for iteration in range(count + 1)]
+
+
+def test_a_restart_changes_no_number(serve: Callable[..., Any]) -> None:
+    """Interrupted by restarts, changed and given a further view on the way, a session comes to what one comes to that
+    was never interrupted; what it had is told in the same words."""
+
+    def first(client: httpx.Client, path: str) -> None:
+        small.step(client, path, 3)
+        client.patch(path, json={"config": {"joint_draws": 3, "converged_iterations": 2}}).raise_for_status()
+
+    def second(client: httpx.Client, path: str) -> None:
+        small.step(client, path, 2)
+        client.post(f"{path}/scans", json={"scan_id": further}).raise_for_status()
+
+    def third(client: httpx.Client, path: str) -> None:
+        small.step(client, path, 4)
+
+    served = serve()
+    client = served.client
+    further = small.upload_scan(client, "second_view")
+    ids = {"model_id": small.upload_model(client), "scan_id": small.upload_scan(client)}
+    whole, pieces = small.create(client, **ids), small.create(client, **ids)
+    for stretch in (first, second, third):
+        stretch(client, whole)
+    first(client, pieces)
+    for stretch in (second, third):
+        restart(served)
+        before = client.get(pieces).json()
+        assert before["state"] == "paused"
+        assert before["config"] == small.QUICK | {"joint_draws": 3, "converged_iterations": 2}
+        stretch(client, pieces)
+    assert history(client, whole, 9) == history(client, pieces, 9)
+    told = client.get(whole).json()
+    assert len(told["scan_ids"]) == 2
+    assert {name: told[name] for name in ("scan_ids", "config", "iteration", "converged")} == {
+        name: client.get(pieces).json()[name] for name in ("scan_ids", "config", "iteration", "converged")
+    }
+
+
+def test_after_a_restart_every_session_is_there(serve: Callable[..., Any], tmp_path: Path) -> None:
+    """Paused where it was, or failed where it is damaged, which neither stops the start nor the others."""
+    served = serve()
+    client = served.client
+    ids = {"model_id": small.upload_model(client), "scan_id": small.upload_scan(client)}
+    running, damaged, lost, cut = (small.create(client, **ids) for _ in range(4))
+    small.step(client, cut, 6)
+    client.post(f"{running}/run", json={"iterations": 100_000})
+    while client.get(running).json()["iteration"] < 5:
+        time.sleep(small.PATIENCE)
+    served.app.state.sessions.close()
+    estimate = served.app.state.sessions.get(running.rpartition("/")[2]).snapshot.result_text
+    folders = {path: served.config.data_dir / "sessions" / path.rpartition("/")[2] for path in (damaged, lost, cut)}
+    (folders[damaged] / "recording.sqlite").write_bytes(b"SQLite format 3\0 and then nothing of the kind" * 100)
+    (folders[lost] / "recording.sqlite").unlink()
+    connection = sqlite3.connect(folders[cut] / "recording.sqlite")
+    connection.execute("UPDATE arrays SET data = x'00' WHERE iteration >= 5")
+    connection.commit()
+    connection.close()
+
+    restart(served)
+    found = {path: client.get(path).json() for path in (running, damaged, lost, cut)}
+    assert [found[path]["state"] for path in found] == ["paused", "failed", "failed", "paused"]
+    assert (found[cut]["iteration"], found[damaged]["iteration"]) == (4, None)
+    assert "cannot be read" in found[damaged]["error"] or "damaged" in found[damaged]["error"]
+    assert found[lost]["error"] == "recording 'recording.sqlite' is not there"
+    assert served.app.state.sessions.get(running.rpartition("/")[2]).snapshot.result_text == estimate
+    problem(client.post(f"{damaged}/run"), 409, "is failed:")
+    problem(client.get(f"{damaged}/estimate"), 409, "is failed:")
+    problem(client.get(f"{damaged}/trace"), 409, "is failed:")
+    for path in (damaged, lost):
+        assert client.post(f"{path}/reset").json()["state"] == "paused"
+        small.step(client, path, 6)
+    small.step(client, cut, 2)
+    assert small.numbers(client, damaged) == small.numbers(client, lost) == small.numbers(client, cut)
+
+
+def test_reset_begins_with_what_is_in_force(client: httpx.Client, path: str, model_id: str, scan_id: str) -> None:
+    small.step(client, path, 3)
+    client.patch(path, json={"config": {"joint_draws": 3}})
+    client.post(f"{path}/reset")
+    small.step(client, path, 4)
+    other = small.create(client, model_id=model_id, scan_id=scan_id, config=small.QUICK | {"joint_draws": 3})
+    small.step(client, other, 4)
+    assert history(client, path, 4) == history(client, other, 4)
+    assert client.get(path).json()["config"] == client.get(other).json()["config"]
+
+
+def test_the_sample_session_is_made_once_and_runs(serve: Callable[..., Any]) -> None:
+    served = serve()
+    sessions = served.ready().app.state.sessions
+    session = sessions.demo()
+    session.pause().result()
+    assert sessions.demo() is session
+    session.pause().result()
+    (found,) = served.client.get("/api/v1/sessions").json()
+    assert found["name"].startswith("Sample") and found["iteration"] >= 0
+    assert session.snapshot.row["add"].keys() == {"frame", "drawer1", "drawer2", "drawer3"}
+
+
+def test_slots_are_taken_in_the_order_of_asking() -> None:
+    slots = Slots(1)
+    a, b, c = object(), object(), object()
+    assert slots.take(a) and not slots.take(b) and not slots.take(c)
+    assert slots.take(a)  # has it already
+    assert (slots.position(a), slots.position(b), slots.position(c)) == (None, 1, 2)
+    slots.leave(a)
+    assert not slots.take(c)
+    assert slots.take(b) and slots.others_wait()  # c does
+    assert not slots.take(a)
+    slots.leave(c)
+    assert slots.position(a) == 1
+    slots.leave(b)
+    assert slots.take(a) and not slots.others_wait()
+
+
+def test_a_nudge_before_the_wait_is_not_lost() -> None:
+    slots = Slots(1)
+    holder, waiting = object(), object()
+    assert slots.take(holder) and not slots.take(waiting)
+    slots.nudge(waiting)
+    slots.wait(waiting)  # else it would not come back
+    woken = threading.Thread(target=slots.wait, args=(waiting,))
+    woken.start()
+    slots.leave(holder)
+    woken.join()
+    assert slots.take(waiting)

@@ -8,11 +8,13 @@ from __future__ import annotations
 import contextlib
 import json
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from app.estimation import Step
+from app.landing import DISK_FULL, full_disk_as_problem
+from app.problems import HttpProblem
 from pmpnbp.errors import RecordingError
 from pmpnbp.inference import run as engine
 from pmpnbp.inference.belief import IterationReport
@@ -33,9 +35,10 @@ class History:
         """Put a new recording, with iteration 0, in the place of the one that may be there."""
         self.close()
         new = self.path.with_name(self.path.name + ".new")
-        with RecordingWriter(new, inputs, problem.mrf.model) as writer:
-            writer.write(step.report, step.state, row)
-        replace_recording(new, self.path)
+        with _full_disk_as_problem():
+            with RecordingWriter(new, inputs, problem.mrf.model) as writer:
+                writer.write(step.report, step.state, row)
+            replace_recording(new, self.path)
 
     def mend(self) -> int:
         """Make the recording fit to go on with; its last whole iteration. Raises RecordingError where it is lost."""
@@ -47,9 +50,10 @@ class History:
 
     def change(self, change: Change) -> None:
         """Write a change; returns once it is in the file."""
-        writer = self._open()
-        writer.change(change)
-        writer.flush()
+        with _full_disk_as_problem():
+            writer = self._open()
+            writer.change(change)
+            writer.flush()
 
     def flush(self) -> None:
         """Return once all iterations so far are in the file, and announced."""
@@ -107,6 +111,7 @@ class History:
     def copy_to(self, path: Path) -> None:
         """A consistent copy of the recording as one file, also while it is being written."""
         with (
+            _full_disk_as_problem(),
             contextlib.closing(sqlite3.connect(f"{self.path.absolute().as_uri()}?mode=ro", uri=True)) as source,
             contextlib.closing(sqlite3.connect(path)) as target,
         ):
@@ -126,3 +131,15 @@ class History:
             raise RecordingError(f"iteration {iteration} is not in recording '{self.path.name}'; it has {there}")
         row: Row = json.loads(text)
         return row
+
+
+@contextlib.contextmanager
+def _full_disk_as_problem() -> Iterator[None]:
+    """Turns SQLite's and the system's "no space left" into a 507."""
+    with full_disk_as_problem():
+        try:
+            yield
+        except (sqlite3.Error, RecordingError) as error:
+            if "disk is full" in str(error):
+                raise HttpProblem(507, DISK_FULL) from error
+            raise

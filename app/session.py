@@ -26,7 +26,7 @@ from app.history import History
 from app.json_text import json_bytes
 from app.past import Past
 from app.problems import HttpProblem
-from app.session_document import Document, fold, folded, prepare, present_config, present_scans, settings_of
+from app.session_document import Document, check_room, fold, folded, prepare, present_config, present_scans, settings_of
 from app.slots import Slots
 from app.snapshot import Snapshot, snapshot
 from app.store import Store
@@ -107,8 +107,7 @@ class Session:
 
     def step(self, iterations: int = 1) -> Future[None]:
         """Iterate so many times; the future is done after the last. HttpProblem 409, also through the future."""
-        goal = Goal(self._past.iteration + iterations, "iterations")
-        self._set_goal(goal)
+        self._set_goal(goal := Goal(self._past.iteration + iterations, "iterations"))
         return goal.done
 
     def pause(self) -> Future[None]:
@@ -252,6 +251,8 @@ class Session:
 
     def _iterate(self, step: Step) -> None:
         began = time.perf_counter()
+        if step.iteration % TURN == 0:
+            check_room(self._store)
         problem = self._past.problem(step.iteration + 1)
         if self._made is not None and problem is not self._made.problem:
             # another number of reports may tell now whether it is at rest
@@ -368,7 +369,7 @@ class Session:
         self._store.write_session(self.id, new)
         try:
             self._history.change(Change(after, note=json.dumps(entry), **change))
-        except RecordingError as error:
+        except (HttpProblem, RecordingError) as error:
             self._store.write_session(self.id, old)
             self._fail(error)
             raise

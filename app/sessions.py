@@ -14,6 +14,7 @@ from app.session import Session
 from app.session_document import Document, prepare
 from app.slots import Slots
 from app.store import Store
+from app.worker import share_interpreter
 
 # A session as it is asked for, where nothing is said.
 DEFAULTS: Mapping[str, Any] = {
@@ -31,6 +32,7 @@ class Sessions:
         self._store = store
         self._config = config
         self._slots = Slots(config.max_running)
+        share_interpreter()
         self._lock = threading.Lock()
         self._sessions: dict[str, Session] = {}
         self._coming = 0

@@ -16,23 +16,33 @@ from pmpnbp.errors import SettingError
 
 
 def _setting(
-    default: Any, unit: str, help_text: str, *, paper: Any = None, low: float = -math.inf, choices: tuple[str, ...] = ()
+    default: Any,
+    unit: str,
+    help_text: str,
+    *,
+    paper: Any = None,
+    low: float = -math.inf,
+    high: float = math.inf,
+    choices: tuple[str, ...] = (),
 ) -> Any:
-    """One entry. `paper` is the value in the preset `paper` where it differs; `low` the smallest value allowed."""
+    """One entry. `paper` is the value in the preset `paper` where it differs; `low` and `high` are the smallest and the
+    largest value allowed, the latter where a larger one would take all memory and tell nothing more."""
     metadata = {"unit": unit, "help": help_text, "paper": default if paper is None else paper}
-    return field(default=default, metadata=metadata | {"low": low, "choices": choices})
+    return field(default=default, metadata=metadata | {"low": low, "high": high, "choices": choices})
 
 
 @dataclass(frozen=True)
 class Settings:
     """All settings, frozen. Build one with `preset` and `changed`."""
 
-    image_width: int = _setting(120, "pixels", "width of the working depth image, at most", low=16)
-    triangles: int = _setting(500, "triangles", "triangle budget of a part's mesh in the inference", low=12)
+    image_width: int = _setting(120, "pixels", "width of the working depth image, at most", low=16, high=1280)
+    triangles: int = _setting(
+        500, "triangles", "triangle budget of a part's mesh in the inference", low=12, high=100_000
+    )
     renderer: Literal["splats", "rasteriser"] = _setting(
         "splats", "", "how a part alone is rendered", choices=("splats", "rasteriser")
     )
-    splat_points: int = _setting(256, "points", "visible surface points that stand for a part", low=16)
+    splat_points: int = _setting(256, "points", "visible surface points that stand for a part", low=16, high=4096)
     pixel_score: Literal["robust", "distance"] = _setting(
         "robust", "", "score of a pixel: robust, or eq. 10's plain distance", paper="distance",
         choices=("robust", "distance"),
@@ -52,7 +62,7 @@ class Settings:
     )  # fmt: skip
     sigma_position: float = _setting(0.01, "m", "sigma_pos of the pairwise potential, once annealed", low=1e-5)
     sigma_orientation: float = _setting(0.05, "rad", "sigma_ori of the pairwise potential, once annealed", low=1e-5)
-    joint_draws: int = _setting(8, "draws", "joint positions tried for each message sample", paper=1, low=1)
+    joint_draws: int = _setting(8, "draws", "joint positions tried for each message sample", paper=1, low=1, high=256)
     joint_memory: float = _setting(0.5, "", "share of those draws taken near positions that did well", paper=0.0, low=0)
     neighbour_proposals: float = _setting(
         0.35, "", "share of a part's particles proposed through joints from its neighbours", paper=0.0, low=0
@@ -69,26 +79,39 @@ class Settings:
         True, "", "estimate the object as a whole each iteration, else each part's best particle", paper=False
     )
     neighbour_sum: bool = _setting(True, "", "weigh message samples by the sender's other messages (box 1 step 2c)")
-    anneal_iterations: int = _setting(7, "iterations", "over which tolerance and diffusion shrink", paper=0, low=0)
+    anneal_iterations: int = _setting(
+        7, "iterations", "over which tolerance and diffusion shrink", paper=0, low=0, high=10_000
+    )
     diffusion_position_start: float = _setting(0.04, "m", "diffusion of particles at first", low=0)
     diffusion_position_end: float = _setting(0.0015, "m", "diffusion of particles, once annealed", paper=0.01, low=0)
     diffusion_rotation_start: float = _setting(0.15, "rad", "turning of particles at first", low=0)
     diffusion_rotation_end: float = _setting(0.005, "rad", "turning of particles, once annealed", paper=0.05, low=0)
     search_iterations: int = _setting(
-        4, "iterations", "of whole-object search before belief propagation; 0 starts as the paper does", paper=0, low=0
+        4,
+        "iterations",
+        "of whole-object search before belief propagation; 0 starts as the paper does",
+        paper=0,
+        low=0,
+        high=1000,
     )
     search_iterations_per_joint: int = _setting(
-        1, "iterations", "more of them for every joint beyond the second between the root and the farthest part", low=0
+        1,
+        "iterations",
+        "more of them for every joint beyond the second between the root and the farthest part",
+        low=0,
+        high=100,
     )
     search_proposals: int = _setting(
-        6000, "hypotheses", "tried in each iteration of the search, for every three joints", low=10
+        6000, "hypotheses", "tried in each iteration of the search, for every three joints", low=10, high=200_000
     )
-    search_islands: int = _setting(40, "hypotheses", "distinct ones that survive each iteration of the search", low=1)
+    search_islands: int = _setting(
+        40, "hypotheses", "distinct ones that survive each iteration of the search", low=1, high=2000
+    )
     refine_iterations: int = _setting(
-        2, "iterations", "after annealing that score with the rasteriser instead of splats", paper=0, low=0
+        2, "iterations", "after annealing that score with the rasteriser instead of splats", paper=0, low=0, high=10_000
     )
     converged_motion: float = _setting(0.001, "m", "largest motion of any part between iterations at rest", low=0)
-    converged_iterations: int = _setting(3, "iterations", "at rest in a row that count as converged", low=1)
+    converged_iterations: int = _setting(3, "iterations", "at rest in a row that count as converged", low=1, high=1000)
 
     def __post_init__(self) -> None:
         for entry in fields(self):
@@ -98,8 +121,11 @@ class Settings:
 def _check(name: str, value: Any, metadata: Mapping[str, Any], kind: type) -> None:
     if metadata["choices"] and value not in metadata["choices"]:
         raise SettingError(f"setting '{name}' is {value!r}; it can be {' or '.join(metadata['choices'])}")
-    if kind in (int, float) and not (math.isfinite(value) and value >= metadata["low"]):
-        raise SettingError(f"setting '{name}' is {value!r}; it must be a finite number of at least {metadata['low']}")
+    low, high = metadata["low"], metadata["high"]
+    if kind in (int, float) and not (math.isfinite(value) and value >= low):
+        raise SettingError(f"setting '{name}' is {value!r}; it must be a finite number of at least {low}")
+    if kind in (int, float) and value > high:
+        raise SettingError(f"setting '{name}' is {value!r}; it must be at most {high}")
 
 
 def preset(name: str) -> Settings:

@@ -67,8 +67,9 @@ function fill(card, session) {
   part("open").href = session.view_url ?? `/sessions/${session.id}/view/`;
   say(part("name"), session.name || session.id);
   say(part("word"), state(session));
-  const total = session.iterations ?? 0;
-  say(part("iteration"), total ? `${session.iteration} of ${total}` : `${session.iteration ?? "none"}`);
+  const done = session.state === "paused" && session.converged; // before all that were asked for
+  const total = (done ? session.iteration : session.iterations) ?? 0;
+  say(part("iteration"), total && !done ? `${session.iteration} of ${total}` : `${session.iteration ?? "none"}`);
   part("track").firstElementChild.style.width = `${Math.min(100, total ? (100 * session.iteration) / total : 0)}%`;
   part("certain").dataset.certain = Boolean(session.certain);
   say(part("certain"), session.certain ? "certain" : session.converged ? "at rest, not certain" : "not certain yet");

@@ -50,6 +50,17 @@ def test_every_setting_refuses_nonsense(name: str) -> None:
         assert one_sentence(error)
 
 
+LIMITED = [name for name, entry in ENTRIES.items() if entry.metadata["high"] < float("inf")]
+
+
+@pytest.mark.parametrize("name", LIMITED)
+def test_what_would_take_all_memory_is_refused(name: str) -> None:
+    high = ENTRIES[name].metadata["high"]
+    assert getattr(changed(Settings(), {name: high}), name) == high
+    with pytest.raises(SettingError, match=f"setting '{name}' is {high + 1}; it must be at most {high}"):
+        changed(Settings(), {name: high + 1})
+
+
 def test_an_unknown_name_is_told_what_there_is() -> None:
     with pytest.raises(
         SettingError, match="setting 'particels' does not exist; there are preset, image_width"

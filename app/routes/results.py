@@ -5,15 +5,15 @@ from __future__ import annotations
 import os
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path as FilePath
-from tempfile import mkstemp
-from typing import Annotated, Any, Literal
+from tempfile import TemporaryDirectory
+from typing import Annotated, Any, BinaryIO, Literal
 
 import anyio.to_thread
 import numpy as np
 from fastapi import APIRouter, Path, Query, Request, Response
-from fastapi.responses import FileResponse
-from starlette.background import BackgroundTask
+from fastapi.responses import StreamingResponse
 
 from app import schemas
 from app.json_text import json_bytes
@@ -43,6 +43,8 @@ FormatQuery = Annotated[
 ]
 Wait = Literal["certain", "converged", "idle"]
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
+# Bytes of a recording sent at a time.
+_CHUNK = 1 << 18
 _FILES = {"application/octet-stream": _BINARY}
 
 
@@ -233,30 +235,32 @@ def get_decision(
 
 @router.get(
     "/sessions/{session_id}/recording",
-    response_class=FileResponse,
+    response_class=StreamingResponse,
     operation_id="get_recording_of_session",
     summary="The session as a file",
     description="A consistent copy, also while the session runs: model, scans, settings and every iteration so far. "
     "POST /api/v1/recordings takes it, and `pmpnbp view` opens it.",
     responses=schemas.answer("A SQLite file.", content={"application/vnd.sqlite3": _BINARY}) | responses(404, 409, 507),
 )
-def get_recording_of_session(session_id: SessionId, request: Request) -> FileResponse:
-    """Copy, send, forget the copy."""
+def get_recording_of_session(session_id: SessionId, request: Request) -> StreamingResponse:
+    """Copy, and send the copy, which has no name any more: nothing is left of it, however the call ends."""
     session = _session(request, session_id)
-    with full_disk_as_problem():
-        handle, name = mkstemp(suffix=".download", dir=request.app.state.store.root / "incoming")
-    copy = FilePath(name)
-    try:
-        os.close(handle)
-        session.copy_recording(copy)
-    except BaseException:
-        copy.unlink(missing_ok=True)
-        raise
     title = safe_name(f"{session.status()['name'] or session.id}.sqlite")
-    return FileResponse(
-        copy, media_type="application/vnd.sqlite3", filename=title,
-        background=BackgroundTask(copy.unlink, missing_ok=True),
-    )  # fmt: skip
+    with full_disk_as_problem(), TemporaryDirectory(dir=request.app.state.store.root / "incoming") as folder:
+        copy = FilePath(folder) / "recording.sqlite"
+        session.copy_recording(copy)
+        file = copy.open("rb")
+    headers = {
+        "Content-Disposition": f'attachment; filename="{title}"',
+        "Content-Length": str(os.fstat(file.fileno()).st_size),
+    }
+    return StreamingResponse(_chunks(file), media_type="application/vnd.sqlite3", headers=headers)
+
+
+def _chunks(file: BinaryIO) -> Iterator[bytes]:
+    with file:
+        while chunk := file.read(_CHUNK):
+            yield chunk
 
 
 def _members(session: Session, made: Snapshot) -> dict[str, Any]:

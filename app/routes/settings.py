@@ -24,6 +24,7 @@ class Setting(BaseModel):
     unit: str = Field(description="its unit; empty for a plain number or a choice", examples=["m"])
     help: str = Field(description="one line", examples=["distance at which a pixel stops to be explained, annealed"])
     low: float | None = Field(description="smallest value allowed; null: no limit, or no number", examples=[0.0001])
+    high: float | None = Field(description="largest value allowed; null: no limit, or no number", examples=[1280])
     choices: list[str] = Field(description="values allowed; empty: no list", examples=[[]])
 
 
@@ -51,6 +52,7 @@ def list_settings() -> AllSettings:
             unit=entry.metadata["unit"],
             help=entry.metadata["help"],
             low=entry.metadata["low"] if math.isfinite(entry.metadata["low"]) else None,
+            high=entry.metadata["high"] if math.isfinite(entry.metadata["high"]) else None,
             choices=list(entry.metadata["choices"]),
         )
         for entry in fields(Settings)

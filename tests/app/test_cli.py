@@ -292,7 +292,7 @@ def test_a_failed_run_leaves_no_file(tmp_path: Path, capsys: Capture) -> None:
 
 def test_no_command_and_an_unknown_one(capsys: Capture) -> None:
     assert "the following arguments are required: COMMAND" in refused(capsys)
-    assert "invalid choice: 'serve'" in refused(capsys, "serve")
+    assert "invalid choice: 'plot'" in refused(capsys, "plot")
 
 
 def test_help_shows_an_example_whose_files_are_there(capsys: Capture) -> None:

@@ -142,12 +142,17 @@ def test_a_failure_is_an_event(served: Any, client: httpx.Client, monkeypatch: p
 
 def test_the_stream_ends_with_the_session(served: Any, client: httpx.Client) -> None:
     path = small.create(client)
+    begun = threading.Event()
+
+    def begins(heard: Heard) -> bool:
+        begun.set()
+        return False
+
     heard: list[Heard] = []
-    listener = threading.Thread(target=lambda: heard.extend(listen(served.url, path)))
+    listener = threading.Thread(target=lambda: heard.extend(listen(served.url, path, until=begins)))
     listener.start()
     session = session_of(served, path)
-    while not session.events._listeners:
-        pass
+    begun.wait()
     client.delete(path)
     listener.join()
     assert iterations(heard) == [0]

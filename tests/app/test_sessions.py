@@ -140,7 +140,7 @@ def test_a_waiting_one_hears_what_it_is_told(client: httpx.Client, model_id: str
         ({"scan_ids": []}, 422, "scan_ids in the body"),
         ({"config": {"sharpness": 3}}, 422, "setting 'sharpness' does not exist"),
         ({"config": {"joint_draws": 0}}, 422, "setting 'joint_draws' is 0"),
-        ({"config": {"search_proposals": 10**9}}, 422, "a session takes at most 200000"),
+        ({"config": {"search_proposals": 10**9}}, 422, "it must be at most 200000"),
         ({"config": {"image_width": 16}}, 422, "work image's width is 16"),
         ({"roi": [0, 0, 0, 0, 1, 1]}, 422, "is empty"),
         ({"roi": [50, 50, 50, 51, 51, 51]}, 422, "no measured point lies in the region"),
@@ -229,6 +229,27 @@ def test_no_more_sessions_than_the_limit(serve: Callable[..., Any]) -> None:
     assert "retry-after" in answer.headers
     client.delete(paths[0])
     small.create(client, model_id=model_id, scan_id=scan_id)
+
+
+def test_a_full_data_directory_stops_sessions_with_a_sentence(serve: Callable[..., Any]) -> None:
+    served = serve()
+    client = served.client
+    path = small.create(client)
+    small.step(client, path, 5)
+    served.app.state.store._room._max_bytes = 1000
+    problem(client.post("/api/v1/sessions", json=small.body(*ids_of(client, path))), 507, "is full")
+    problem(client.post(f"{path}/step", json={"iterations": 20}), 409, "is failed: the data directory may hold")
+    problem(client.post(f"{path}/reset"), 507, "is full")
+    problem(client.patch(path, json={"config": {"joint_draws": 3}}), 507, "is full")
+    found = client.get(path).json()
+    assert (found["state"], found["iteration"], found["config"]) == ("failed", 10, small.QUICK)
+    served.app.state.store._room._max_bytes = 1 << 30
+    assert small.step(client, path, 2)["iteration"] == 12
+
+
+def ids_of(client: httpx.Client, path: str) -> tuple[str, str]:
+    found = client.get(path).json()
+    return found["model_id"], found["scan_ids"][0]
 
 
 def restart(served: Any) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from tests.app import mutations
 
-COUNT = 100
+COUNT = 60
 
 
 def test_damaged_uploads_do_no_harm(served: Any) -> None:

@@ -10,8 +10,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
-import subprocess
-import sys
+import signal
 import tempfile
 import time
 from collections.abc import Sequence
@@ -21,10 +20,11 @@ from pathlib import Path
 import httpx
 import numpy as np
 
+from benchmarks import server_process
+from benchmarks.server_process import CABINET, upload_model, upload_scan
 from benchmarks.tables import markdown, progress
-from benchmarks.trials import PROJECT
+from benchmarks.trials import load_region
 
-CABINET = PROJECT / "sample_data" / "cabinet"
 # A planner asks again after it has looked at the answer.
 PAUSE = 0.05
 
@@ -50,12 +50,11 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--listeners", type=int, default=50, help="listeners to server-sent events (default 50)")
     arguments = parser.parse_args(words)
     with tempfile.TemporaryDirectory(prefix="load-") as folder:
-        process, url = _serve(Path(folder))
+        server = server_process.start(Path(folder)).ready()
         try:
-            return asyncio.run(_measure(url, arguments.seconds, arguments.clients, arguments.listeners))
+            return asyncio.run(_measure(server.url, arguments.seconds, arguments.clients, arguments.listeners))
         finally:
-            process.terminate()
-            process.wait(30)
+            server.end(signal.SIGTERM)
 
 
 async def _measure(url: str, seconds: float, clients: int, listeners: int) -> int:
@@ -126,36 +125,11 @@ async def _listen(host: str, port: int, session: str, heard: Heard) -> None:
             heard.newest = json.loads(value)["iteration"]
 
 
-def _serve(folder: Path) -> tuple[subprocess.Popen[bytes], str]:
-    import socket
-
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "app.cli", "serve", "--port", str(port), "--data-dir", str(folder)],
-        cwd=PROJECT, stdout=subprocess.DEVNULL,
-    )  # fmt: skip
-    url = f"http://127.0.0.1:{port}"
-    for _ in range(600):
-        try:
-            if httpx.get(f"{url}/readyz").status_code == 200:
-                return process, url
-        except httpx.TransportError:
-            pass
-        time.sleep(0.2)
-    process.kill()
-    raise RuntimeError("the server was not ready within two minutes")
-
-
 def _sessions(url: str) -> list[str]:
     """Two sessions on the open cabinet, each after one step so that there is an estimate."""
     with httpx.Client(base_url=f"{url}/api/v1", timeout=120.0) as client:
-        model = client.post("/models", files={"file": ("cabinet.urdf", (CABINET / "cabinet.urdf").read_bytes())})
-        camera = (CABINET / "open" / "camera.json").read_text(encoding="utf-8")
-        depth = (CABINET / "open" / "depth.png").read_bytes()
-        scan = client.post("/scans", files={"file": ("depth.png", depth)}, data={"camera": camera})
-        region = json.loads((CABINET / "open" / "region.json").read_text(encoding="utf-8"))["region"]
+        model, scan = upload_model(client), upload_scan(client)
+        region = load_region(CABINET / "open").tolist()
         found = []
         for seed in range(2):
             body = {"model_id": model.json()["id"], "scan_ids": [scan.json()["id"]], "roi": region, "seed": seed}

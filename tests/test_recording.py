@@ -9,7 +9,7 @@ import sqlite3
 import subprocess
 import sys
 import time
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.scene.urdf import load_model
 from pmpnbp.settings import changed, preset
+from tests.sameness import assert_same
 
 ROOT = Path(__file__).resolve().parent.parent
 CABINET = ROOT / "sample_data" / "cabinet"
@@ -79,22 +80,6 @@ def uniform() -> tuple[Inputs, Any, Iterations]:
 @pytest.fixture(scope="module")
 def path(uniform: tuple[Inputs, Any, Iterations], tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded(tmp_path_factory.mktemp("recordings") / "run.sqlite", *uniform)
-
-
-def assert_same(a: object, b: object, without: tuple[str, ...] = ()) -> None:
-    """All fields alike, arrays to the bit."""
-    assert type(a) is type(b)
-    for entry in fields(a):  # type: ignore[arg-type]
-        if entry.name in without:
-            continue
-        mine, theirs = getattr(a, entry.name), getattr(b, entry.name)
-        if isinstance(mine, np.ndarray):
-            assert (mine.dtype, mine.shape) == (theirs.dtype, theirs.shape), entry.name
-            assert mine.tobytes() == theirs.tobytes(), entry.name
-        elif hasattr(mine, "__dataclass_fields__"):
-            assert_same(mine, theirs)
-        else:
-            assert mine == theirs or (mine != mine and theirs != theirs), entry.name
 
 
 @pytest.mark.parametrize(

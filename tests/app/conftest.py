@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
-import re
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -19,8 +16,7 @@ import httpx
 import pytest
 
 from app.server_config import ServerConfig
-
-PROJECT = Path(__file__).resolve().parents[2]
+from benchmarks import server_process
 
 
 @dataclass
@@ -125,22 +121,10 @@ def served_process(tmp_path: Path) -> Iterator[Callable[..., Process]]:
 
     def start(*options: str, environment: dict[str, str] | None = None) -> Process:
         data_dir = tmp_path / "data"
-        command = [sys.executable, "-m", "app.cli", "serve", "--port", "0", "--data-dir", str(data_dir), *options]
-        inherited = {name: value for name, value in os.environ.items() if not name.startswith("PMPNBP_")}
-        process = subprocess.Popen(
-            command, cwd=PROJECT, env=inherited | (environment or {}), stdout=subprocess.PIPE, text=True
-        )
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        found = re.search(r"(http://\S+?)/(?:\?token=(\S+))?\s*$", line)
-        if found is None:
-            process.kill()
-            process.wait()
-            raise AssertionError(f"the server printed {line!r} instead of its link")
-        headers = {} if found[2] is None else {"Authorization": f"Bearer {found[2]}"}
-        url = re.sub(r"//(0\.0\.0\.0|\[::\])", "//127.0.0.1", found[1])
-        client = httpx.Client(base_url=url, headers=headers, timeout=None)
-        started.append(Process(url, data_dir, process, client, line))
+        server = server_process.start(data_dir, *options, environment=environment)
+        headers = {} if server.token is None else {"Authorization": f"Bearer {server.token}"}
+        client = httpx.Client(base_url=server.url, headers=headers, timeout=None)
+        started.append(Process(server.url, data_dir, server.process, client, server.first_line))
         return started[-1]
 
     yield start

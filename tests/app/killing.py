@@ -12,9 +12,6 @@ import argparse
 import json
 import random
 import signal
-import socket
-import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -24,8 +21,8 @@ from pathlib import Path
 
 import httpx
 
-ROOT = Path(__file__).resolve().parents[2]
-CABINET = ROOT / "sample_data" / "cabinet"
+from benchmarks.server_process import CABINET, start, upload_model, upload_scan
+from benchmarks.trials import load_region
 
 
 @dataclass
@@ -56,24 +53,24 @@ def kill_often(folder: Path, kills: int, seed: int, say=lambda line: None) -> li
     rng = random.Random(seed)
     known = Acknowledged()
     lost: list[str] = []
-    process, url = start(folder)
+    server = start(folder).ready()
     for number in range(kills):
         stop = threading.Event()
-        workers = [threading.Thread(target=work, args=(url, known, stop), daemon=True) for work in (_upload, _iterate)]
+        workers = [
+            threading.Thread(target=work, args=(server.url, known, stop), daemon=True) for work in (_upload, _iterate)
+        ]
         for worker in workers:
             worker.start()
         time.sleep(rng.uniform(0.2, 2.5))
-        process.send_signal(signal.SIGKILL)
-        process.wait()
+        server.end(signal.SIGKILL)
         stop.set()
         for worker in workers:
             worker.join(30)
-        process, url = start(folder)
-        lost += look(url, known)
+        server = start(folder).ready()
+        lost += look(server.url, known)
         counts = ", ".join(f"{len(there)} {kind}" for kind, there in known.entries.items())
         say(f"kill {number + 1}: {counts}, sessions at {list(known.iterations.values())}, {len(lost)} losses")
-    process.terminate()
-    process.wait(60)
+    server.end(signal.SIGTERM)
     return lost
 
 
@@ -97,39 +94,13 @@ def look(url: str, known: Acknowledged) -> list[str]:
     return lost
 
 
-def start(folder: Path) -> tuple[subprocess.Popen[bytes], str]:
-    """A server on `folder`, ready."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "app.cli", "serve", "--port", str(port), "--data-dir", str(folder)],
-        cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    url = f"http://127.0.0.1:{port}"
-    for _ in range(1200):
-        if process.poll() is not None:
-            raise RuntimeError(f"the server ended with status {process.returncode}")
-        try:
-            if httpx.get(f"{url}/readyz").status_code == 200:
-                return process, url
-        except httpx.TransportError:
-            pass
-        time.sleep(0.1)
-    raise RuntimeError("the server was not ready within two minutes")
-
-
 def _upload(url: str, known: Acknowledged, stop: threading.Event) -> None:
     """Models and scans in turn, until the server is gone."""
-    urdf = (CABINET / "cabinet.urdf").read_bytes()
-    depth, camera = (CABINET / "open" / "depth.png").read_bytes(), (CABINET / "open" / "camera.json").read_text()
     with httpx.Client(base_url=f"{url}/api/v1", timeout=60) as client:
         try:
             while not stop.is_set():
-                for kind, name, data, form in (
-                    ("models", "cabinet.urdf", urdf, {}), ("scans", "depth.png", depth, {"camera": camera}),
-                ):  # fmt: skip
-                    answer = client.post(f"/{kind}", files={"file": (name, data)}, data=form)
+                for kind, upload in (("models", upload_model), ("scans", upload_scan)):
+                    answer = upload(client)
                     if answer.status_code == 201:
                         entry = answer.json()["id"]
                         known.entries[kind][entry] = client.get(f"/{kind}/{entry}").headers["etag"]
@@ -145,7 +116,7 @@ def _iterate(url: str, known: Acknowledged, stop: threading.Event) -> None:
             while not known.iterations and not stop.is_set():
                 models, scans = list(known.entries["models"]), list(known.entries["scans"])
                 if models and scans:
-                    region = json.loads((CABINET / "open" / "region.json").read_text(encoding="utf-8"))["region"]
+                    region = load_region(CABINET / "open").tolist()
                     body = {"model_id": models[0], "scan_ids": [scans[0]], "roi": region, "particles": 60}
                     answer = client.post("/sessions", json=body)
                     if answer.status_code == 201:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from pmpnbp.recording import Change, Inputs, Recording, RecordingWriter, make_wh
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.settings import changed, preset
+from tests.sameness import assert_same
 
 CABINET = Path(__file__).resolve().parents[2] / "sample_data" / "cabinet"
 # Small enough to be quick: what is recorded has the same form.
@@ -83,23 +84,6 @@ def write(writer: RecordingWriter, made: Sequence[Made], changes: Sequence[Chang
         for change in changes:
             if change.after_iteration == report.iteration:
                 writer.change(change)
-
-
-def assert_same(a: object, b: object, without: tuple[str, ...] = ()) -> None:
-    """All fields alike, arrays to the bit."""
-    assert type(a) is type(b)
-    for entry in fields(a):  # type: ignore[arg-type]
-        if entry.name in without:
-            continue
-        mine, theirs = getattr(a, entry.name), getattr(b, entry.name)
-        if isinstance(mine, np.ndarray):
-            assert (mine.dtype, mine.shape, mine.tobytes()) == (theirs.dtype, theirs.shape, theirs.tobytes()), (
-                entry.name
-            )
-        elif hasattr(mine, "__dataclass_fields__"):
-            assert_same(mine, theirs)
-        else:
-            assert mine == theirs or (mine != mine and theirs != theirs), entry.name
 
 
 def test_any_iteration_is_done_again_with_what_it_was_made_with(

@@ -19,7 +19,7 @@ COPY pyproject.toml constraints.txt README.md ./
 COPY pmpnbp/__init__.py pmpnbp/__init__.py
 COPY app/__init__.py app/__init__.py
 RUN python -m venv --without-pip /opt/venv \
-    && python -m pip --python /opt/venv install --no-cache-dir --no-compile --disable-pip-version-check \
+    && /usr/local/bin/python -m pip --python /opt/venv install --no-cache-dir --no-compile --disable-pip-version-check \
         --editable . --constraint constraints.txt \
     && rm -f /opt/venv/lib/python3.11/site-packages/open3d/open3d_tf_ops.so \
         /opt/venv/lib/python3.11/site-packages/open3d/open3d_torch_ops.so
@@ -30,7 +30,7 @@ COPY sample_data sample_data
 # Compiled code is valid for a source file's time of change, of which an image's layers keep whole seconds only.
 RUN find /srv/pmpnbp -exec touch --date=2020-01-01T00:00:00Z {} + \
     && python -m app.warm_up \
-    && python -c "import app.parse_worker, app.serve_command, pyrender"
+    && python -c "import app.uploads.parse_worker, app.commands.serve, pyrender"
 
 FROM base
 RUN useradd --system --uid 10001 --no-create-home --home-dir /tmp --shell /usr/sbin/nologin pmpnbp \

@@ -182,26 +182,26 @@ def _add_benchmark(commands: argparse._SubParsersAction[_Parser]) -> None:
 
 
 def _estimate(arguments: argparse.Namespace) -> int:
-    from app.estimate_command import run
+    from app.commands.estimate import run
 
     return run(arguments)
 
 
 def _serve(arguments: argparse.Namespace) -> int:
-    from app.serve_command import run
+    from app.commands.serve import run
 
     return run(arguments)
 
 
 def _settings(_: argparse.Namespace) -> int:
-    from app.settings_table import table
+    from app.commands.settings_table import table
 
     sys.stdout.write(table())
     return OK
 
 
 def _benchmark(arguments: argparse.Namespace) -> int:
-    from app.benchmark_command import run
+    from app.commands.benchmark import run
 
     return run(arguments.out)
 

@@ -128,7 +128,9 @@ class Progress(BaseModel):
     iteration: int | None = Field(description="the newest one; 0 is the start; null where its recording is lost")
     iterations: int = Field(description="the iteration at which the present or last run ends")
     until: Until = Field(description="what ends the run before that")
-    converged: bool = Field(description="whether the inference has come to rest")
+    converged: bool = Field(
+        description="whether the inference has come to rest; not so after a change that no iteration has seen yet"
+    )
     certain: Certain
     error: str | None = Field(description="one sentence, where it is failed")
     position: int | None = Field(description="place among those that wait, 1 for the next; null where it does not")

@@ -12,14 +12,14 @@ import anyio.to_thread
 from fastapi import FastAPI
 
 from app import documentation, problems, warm_up
-from app.pictures import Pictures
+from app.pictures.pictures import Pictures
 from app.rate_limit import RateLimit, Traffic
 from app.routes import events, health, models, pictures, recordings, results, scans, sessions, settings, start_page
 from app.security import Access, Headers
 from app.server_config import ServerConfig
-from app.sessions import Sessions
-from app.store import Store
-from app.uploads import Uploads
+from app.sessions.sessions import Sessions
+from app.store.store import Store
+from app.uploads.uploads import Uploads
 from app.version import version
 from app.viewer import proxy
 from app.viewer.views import Views

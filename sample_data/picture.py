@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from app.pictures import Pictures
+from app.pictures.pictures import Pictures
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run as engine
 from pmpnbp.readout.estimate import agreeing

@@ -28,7 +28,16 @@ FLOORS = (
     "pmpnbp.inference",
     "pmpnbp.readout",
     "pmpnbp.recording",
-    "app",
+    "app",  # its single files: what all folders of the server stand on
+    "app.store",
+    "app.uploads",
+    "app.sessions",
+    "app.pictures",
+    "app.viewer",
+    "app.routes",
+    "app.server",
+    "app.commands",
+    "app.cli",
 )
 KERNELS = "pmpnbp.potentials.kernels"
 WEB = {"app", "viser", "fastapi", "starlette", "uvicorn", "websockets"}
@@ -41,7 +50,7 @@ def within(module: str, package: str) -> bool:
 
 def floor(module: str) -> int | None:
     """The floor's place in FLOORS; None for the bare package and for everything that is not ours."""
-    return next((level for level, name in enumerate(FLOORS) if within(module, name)), None)
+    return max((level for level, name in enumerate(FLOORS) if within(module, name)), default=None)
 
 
 def imports(source: str) -> list[str]:
@@ -99,6 +108,8 @@ MODULES = dict(modules())
         ("pmpnbp.readout.estimate", "import viser", "no web"),
         ("pmpnbp.inference.run", "from fastapi.responses import JSONResponse", "no web"),
         ("pmpnbp.recording", "import app.cli", "no web"),
+        ("app.problems", "from app.store.landing import read_json", "floor above"),
+        ("app.store.store", "from app.sessions.session import Session", "floor above"),
         ("pmpnbp.scene.meshes", "from yourdfpy import URDF", "only pmpnbp.scene.urdf"),
         ("app.cli", "import yourdfpy", "only pmpnbp.scene.urdf"),
     ],

@@ -7,8 +7,8 @@ from typing import Any
 from fastapi import Request, Response
 from pydantic import BaseModel, Field
 
-from app.store import Document
-from app.uploads import etag, unchanged
+from app.store.store import Document
+from app.uploads.uploads import etag, unchanged
 
 _ETAG = {"ETag": {"description": "of the entry, which never changes", "schema": {"type": "string"}}}
 

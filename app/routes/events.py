@@ -12,12 +12,12 @@ import anyio.to_thread
 from fastapi import APIRouter, Header, Path, Request
 from fastapi.responses import StreamingResponse
 
-from app.events import Event
 from app.json_text import json_bytes
 from app.problems import HttpProblem, responses
 from app.schemas import answer
-from app.session import Session
-from app.sessions import Sessions
+from app.sessions.events import Event
+from app.sessions.session import Session
+from app.sessions.sessions import Sessions
 from pmpnbp.errors import RecordingError
 
 router = APIRouter(prefix="/api/v1", tags=["events"])

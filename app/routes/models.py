@@ -9,8 +9,8 @@ from pydantic import BaseModel, Field
 
 from app.problems import responses
 from app.routes.entries import IF_NONE_MATCH, Stored, created, form, unchanged_or
-from app.store import Store
-from app.uploads import Uploads
+from app.store.store import Store
+from app.uploads.uploads import Uploads
 
 router = APIRouter(prefix="/api/v1", tags=["models"])
 

@@ -6,11 +6,11 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request, Response
 
-from app.part_images import DrawingError
-from app.pictures import LONGEST, Pictures
+from app.pictures.part_images import DrawingError
+from app.pictures.pictures import LONGEST, Pictures
 from app.problems import HttpProblem, responses
-from app.sessions import Sessions
-from app.store import Store
+from app.sessions.sessions import Sessions
+from app.store.store import Store
 from pmpnbp.readout.estimate import agreeing
 
 router = APIRouter(prefix="/api/v1", tags=["results"])

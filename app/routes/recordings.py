@@ -11,8 +11,8 @@ from pydantic import Field
 
 from app.problems import responses
 from app.routes.entries import IF_NONE_MATCH, Stored, created, form, unchanged_or
-from app.store import Store, safe_name
-from app.uploads import Uploads, etag, unchanged
+from app.store.store import Store, safe_name
+from app.uploads.uploads import Uploads, etag, unchanged
 
 router = APIRouter(prefix="/api/v1", tags=["recordings"])
 

@@ -17,13 +17,13 @@ from fastapi.responses import StreamingResponse
 
 from app import schemas
 from app.json_text import json_bytes
-from app.landing import full_disk_as_problem
 from app.particle_files import MEDIA_TYPES, Format, written
 from app.problems import HttpProblem, responses
-from app.session import Session
-from app.sessions import Sessions
-from app.snapshot import Snapshot
-from app.store import safe_name
+from app.sessions.session import Session
+from app.sessions.sessions import Sessions
+from app.sessions.snapshot import Snapshot
+from app.store.landing import full_disk_as_problem
+from app.store.store import safe_name
 from pmpnbp.geometry import poses
 from pmpnbp.readout.estimate import link_particles, parts_of_links
 

@@ -8,10 +8,10 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Path, Request, Response
 
 from app.problems import responses
-from app.remembered import call_key
 from app.schemas import AddScanRequest, ChangeRequest, RunRequest, Session, SessionRequest, StepRequest, answer
-from app.sessions import Sessions
-from app.store import Store
+from app.sessions.sessions import Sessions
+from app.store.remembered import call_key
+from app.store.store import Store
 
 router = APIRouter(prefix="/api/v1", tags=["sessions"])
 

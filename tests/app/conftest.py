@@ -65,7 +65,7 @@ class Process:
 @contextmanager
 def serving(data_dir: Path) -> Iterator[Callable[..., Served]]:
     """A function that starts a server in this process with the settings it is given; all are stopped at the end."""
-    from app.serve_command import server_for
+    from app.commands.serve import server_for
     from app.server import create_app
 
     started: list[tuple[Any, threading.Thread, httpx.Client]] = []

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from app.disk_room import folder_size
-from app.store import KINDS, Store
-from app.stored_scan import write_scan
+from app.store.disk_room import folder_size
+from app.store.store import KINDS, Store
+from app.store.stored_scan import write_scan
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.scene.observation import Scan
 

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app import benchmark_command
 from app.cli import main
+from app.commands.benchmark import BenchmarkError, run
 from pmpnbp.recording import Recording
 from pmpnbp.settings import Settings
 
@@ -329,17 +329,15 @@ def test_every_setting_is_listed_with_default_unit_and_help(capsys: Capture) -> 
 
 
 def test_benchmark_runs_the_project_s_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(
-        benchmark_command.BenchmarkError, match="not installed with the package; run this from a checkout"
-    ):
-        benchmark_command.run(None, tmp_path)
+    with pytest.raises(BenchmarkError, match="not installed with the package; run this from a checkout"):
+        run(None, tmp_path)
     (tmp_path / "benchmarks").mkdir()
     (tmp_path / "benchmarks" / "__init__.py").touch()
     (tmp_path / "benchmarks" / "run.py").write_text("def main(out):\n    out.write_text('measured')\n")
     monkeypatch.setattr(sys, "path", list(sys.path))
     for name in ("benchmarks", "benchmarks.run"):
         monkeypatch.delitem(sys.modules, name, raising=False)
-    assert benchmark_command.run(tmp_path / "figures.json", tmp_path) == 0
+    assert run(tmp_path / "figures.json", tmp_path) == 0
     assert (tmp_path / "figures.json").read_text() == "measured"
     for name in ("benchmarks", "benchmarks.run"):
         monkeypatch.delitem(sys.modules, name, raising=False)

@@ -10,9 +10,10 @@ from typing import Any
 import httpx
 import pytest
 
-from app.events import BLOCK, KEPT, Event, Events
+from app import estimation
 from app.schemas import Progress, TraceRow
-from app.sessions import Sessions
+from app.sessions.events import BLOCK, KEPT, Event, Events
+from app.sessions.sessions import Sessions
 from tests.app import small_sessions as small
 
 Heard = tuple[int, str, dict[str, Any]]
@@ -126,14 +127,12 @@ def test_what_was_missed_is_heard_after_a_break(serve: Callable[..., Any], resta
 
 
 def test_a_failure_is_an_event(served: Any, client: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
-    from app import session as session_module
-
     def fail(*arguments: object) -> None:
         raise MemoryError("no room")
 
     path = small.create(client)
     with monkeypatch.context() as patch:
-        patch.setattr(session_module.estimation, "following", fail)
+        patch.setattr(estimation, "following", fail)
         client.post(f"{path}/step")
     heard = listen(served.url, path, 0, lambda heard: heard[1] == "error")
     assert heard[-1][2] == {"error": "iteration 1 could not be made: MemoryError: no room", "iteration": 0}

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.parsers import Parsers
 from app.problems import HttpProblem
+from app.uploads.parsers import Parsers
 
 GIB = 1 << 30
 
@@ -55,7 +55,7 @@ def test_a_process_reads_many_files_and_carries_no_secret(
 def test_a_process_is_replaced_after_a_while(
     parsers: Parsers, scan_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.parsers.MOST_FILES", 2)
+    monkeypatch.setattr("app.uploads.parsers.MOST_FILES", 2)
     parsers.warm("scans")
     first = worker_pid(parsers)
     parsers.parse("scans", scan_file, tmp_path / "out.npz")

@@ -15,11 +15,10 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from app import pictures as pictures_module
-from app.backdrop import backdrop, scaled
 from app.palette import PAPER, part_colours, rgb
-from app.part_images import NOTHING, DrawingError, PartImages, smoothed
-from app.pictures import KEPT, LONGEST, Pictures, picture_size
+from app.pictures.backdrop import backdrop, scaled
+from app.pictures.part_images import NOTHING, DrawingError, PartImages, smoothed
+from app.pictures.pictures import KEPT, LONGEST, Pictures, picture_size
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
@@ -338,7 +337,7 @@ def test_over_rest(served: Served, repository: Path, drawing: Pictures, monkeypa
     def fails(*_: object, **__: object) -> None:
         raise DrawingError("no")
 
-    monkeypatch.setattr(pictures_module.Pictures, "draw", fails)
+    monkeypatch.setattr(Pictures, "draw", fails)
     assert len(get(width=160)) > 1000  # was drawn before
     assert client.get(f"{path}/estimate.png", params={"width": 200}).status_code == 503
     monkeypatch.undo()

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from app import landing
 from app.problems import HttpProblem
-from app.remembered import KEEP_SECONDS, Remembered, call_key
-from app.store import Store
+from app.store import landing
+from app.store.remembered import KEEP_SECONDS, Remembered, call_key
+from app.store.store import Store
 
 ROOM = 1 << 24
 
@@ -99,7 +99,7 @@ def test_answers_are_forgotten_after_a_day_and_beyond_a_number(tmp_path: Path, m
     assert kept.remembered("old") is None
     assert kept.remembered("new") == ("print", {"id": 2})
     assert len(list((tmp_path / "remembered").iterdir())) == 1
-    monkeypatch.setattr("app.remembered.MOST", 3)
+    monkeypatch.setattr("app.store.remembered.MOST", 3)
     for number in range(5):
         kept.remember(f"key {number}", "print", {"id": number})
     assert [kept.remembered(f"key {number}") is not None for number in range(5)] == [False, False, True, True, True]

@@ -16,8 +16,8 @@ from typing import Any
 import httpx
 import pytest
 
+from app.commands.serve import link
 from app.routes.start_page import MEDIA_TYPES, STATIC
-from app.serve_command import link
 from app.server_config import ServerConfig, config_from, default_data_dir, environment_name
 from pmpnbp.errors import SettingError
 

@@ -12,8 +12,9 @@ from typing import Any
 import httpx
 import pytest
 
-from app.sessions import Sessions
-from app.slots import Slots
+from app import estimation
+from app.sessions.sessions import Sessions
+from app.sessions.slots import Slots
 from tests.app import small_sessions as small
 
 
@@ -92,6 +93,20 @@ def test_run_until_converged_stops_there(client: httpx.Client, path: str) -> Non
     # at rest already: nothing is left to do
     client.post(f"{path}/run", json={"until": "converged"})
     assert small.at_rest(client, path)["iteration"] == found["iteration"]
+
+
+def test_after_a_change_a_session_is_not_at_rest_until_iterations_have_shown_it(
+    client: httpx.Client, path: str
+) -> None:
+    client.post(f"{path}/run", json={"iterations": 1000, "until": "converged"})
+    before = small.at_rest(client, path)["iteration"]
+    changed = client.patch(path, json={"config": {"joint_draws": 3, "converged_iterations": 3}}).json()
+    assert not changed["converged"]
+    client.post(f"{path}/run", json={"iterations": 1000, "until": "converged"})
+    found = small.at_rest(client, path)
+    assert found["converged"] and found["iteration"] >= before + 3
+    told = [row["converged"] for row in client.get(f"{path}/trace").json()["iterations"]]
+    assert told[before] and not any(told[before + 1 : before + 3])
 
 
 def test_pause_stops_a_run_and_what_a_run_does_not_allow_is_refused(client: httpx.Client, path: str) -> None:
@@ -193,7 +208,6 @@ def test_the_same_key_makes_one_session(client: httpx.Client, model_id: str, sca
 def test_a_failing_iteration_is_kept_and_may_be_tried_again(
     client: httpx.Client, path: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from app import session as session_module
 
     small.step(client, path, 2)
 
@@ -201,7 +215,7 @@ def test_a_failing_iteration_is_kept_and_may_be_tried_again(
         raise MemoryError("no room for 3 particles")
 
     with monkeypatch.context() as patch:
-        patch.setattr(session_module.estimation, "following", fail)
+        patch.setattr(estimation, "following", fail)
         problem(client.post(f"{path}/step"), 409, "is failed: iteration 3 could not be made: MemoryError: no room")
     found = client.get(path).json()
     assert (found["state"], found["iteration"]) == ("failed", 2)
@@ -298,6 +312,8 @@ def test_a_restart_changes_no_number(serve: Callable[..., Any]) -> None:
     assert {name: told[name] for name in ("scan_ids", "config", "iteration", "converged")} == {
         name: client.get(pieces).json()[name] for name in ("scan_ids", "config", "iteration", "converged")
     }
+    rows = [client.get(f"{path}/trace").json()["iterations"] for path in (whole, pieces)]
+    assert [row["converged"] for row in rows[0]] == [row["converged"] for row in rows[1]]
 
 
 def test_after_a_restart_every_session_is_there(serve: Callable[..., Any], tmp_path: Path) -> None:

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.disk_room import folder_size
 from app.problems import HttpProblem
-from app.store import Store, StoreError, safe_name
-from app.stored_scan import read_scan, write_scan
+from app.store.disk_room import folder_size
+from app.store.store import Store, StoreError, safe_name
+from app.store.stored_scan import read_scan, write_scan
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.scan_files import load_scan
@@ -275,7 +275,7 @@ def test_uploads_that_were_cut_off_are_gone_at_the_next_start(store: Store) -> N
 
 
 def test_one_server_at_a_time(store: Store) -> None:
-    code = f"from pathlib import Path; from app.store import Store; Store(Path({str(store.root)!r}), 1 << 20)"
+    code = f"from pathlib import Path; from app.store.store import Store; Store(Path({str(store.root)!r}), 1 << 20)"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert StoreError.__name__ in ran.stderr and "is in use by another server" in ran.stderr
     store.close()

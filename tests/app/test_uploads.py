@@ -305,7 +305,7 @@ def test_a_client_that_goes_away_leaves_nothing(served: Any) -> None:
 def test_where_too_many_wait_one_is_told_when_to_come_back(
     serve: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.uploads.AT_ONCE", 0)
+    monkeypatch.setattr("app.uploads.uploads.AT_ONCE", 0)
     served = serve(parse_seconds=2.0)
     answer = upload(served.client, "scans", "depth.png", DEPTH, camera=CAMERA)
     assert "uploads are being read and more wait" in detail(answer, 429)

@@ -29,11 +29,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from app import landing
-from app.disk_room import DiskRoom, folder_size
 from app.problems import HttpProblem
-from app.remembered import Remembered
-from app.stored_scan import read_scan
+from app.store import landing
+from app.store.disk_room import DiskRoom, folder_size
+from app.store.remembered import Remembered
+from app.store.stored_scan import read_scan
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.scene.observation import Scan
 

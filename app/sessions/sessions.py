@@ -8,13 +8,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from app.problems import HttpProblem
-from app.sample_session import NAME, sample_document
 from app.server_config import ServerConfig
-from app.session import Session
-from app.session_document import Document, prepare
-from app.slots import Slots
-from app.store import Store
-from app.worker import share_interpreter
+from app.sessions.document import Document, prepare
+from app.sessions.sample import NAME, sample_document
+from app.sessions.session import Session
+from app.sessions.slots import Slots
+from app.sessions.worker import share_interpreter
+from app.store.store import Store
 
 # A session as it is asked for, where nothing is said.
 DEFAULTS: Mapping[str, Any] = {

@@ -14,24 +14,26 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from app import estimation
 from app.estimation import Step
-from app.events import Event, Events
-from app.goal import Goal, Until
-from app.history import History
 from app.json_text import json_bytes
-from app.past import Past
 from app.problems import HttpProblem
-from app.session_document import Document, check_room, fold, folded, prepare, present_config, present_scans, settings_of
-from app.slots import Slots
-from app.snapshot import Snapshot, snapshot
-from app.store import Store
+from app.sessions import document as documents
+from app.sessions.document import Document
+from app.sessions.events import Event, Events
+from app.sessions.goal import Goal, Until
+from app.sessions.history import History
+from app.sessions.past import Past
+from app.sessions.slots import Slots
+from app.sessions.snapshot import Snapshot, snapshot
+from app.sessions.worker import Worker
+from app.store.store import Store
 from app.truth_file import truth_of
-from app.worker import Worker
 from pmpnbp.errors import PmpnbpError, RecordingError
 from pmpnbp.inference.problem import Problem
 from pmpnbp.recording import Change, Inputs
@@ -178,9 +180,9 @@ class Session:
                 "view_url": f"/sessions/{self.id}/view/",
                 **self._progress(),
                 "model_id": document.get("model_id"),
-                "scan_ids": present_scans(document),
+                "scan_ids": documents.present_scans(document),
                 **shown,
-                "config": present_config(document),
+                "config": documents.present_config(document),
                 "created": document.get("created"),
             }
 
@@ -225,7 +227,7 @@ class Session:
         """One iteration, or what keeps it from being made."""
         step = self._ready()
         assert self._made is not None
-        if goal.reached(self._made):
+        if goal.reached(self._made, self._past.changed_since):
             self._rest("paused")
         elif not self._slots.take(self):
             self._tell("waiting")
@@ -234,7 +236,7 @@ class Session:
             self._tell("running")
             self._iterate(step)
             self._turn += 1
-            if goal.reached(self._made):
+            if goal.reached(self._made, changed=False):
                 self._rest("paused")
             elif self._turn >= TURN and self._slots.others_wait():
                 self._history.flush()
@@ -245,19 +247,17 @@ class Session:
         """The step to go on from, with the problem of the next iteration."""
         if self._step is None or self._made is None:
             self._made = self.snapshot
-            self._elapsed = self._made.row["elapsed"]
-            self._step = self._history.step(self._made.iteration, self._past.problem(self._made.iteration + 1))
+            self._elapsed, at = self._made.row["elapsed"], self._made.iteration
+            self._step = self._history.step(at, self._past.problem(at + 1), self._past.stretch(at))
         return self._step
 
     def _iterate(self, step: Step) -> None:
         began = time.perf_counter()
         if step.iteration % TURN == 0:
-            check_room(self._store)
+            documents.check_room(self._store)
         problem = self._past.problem(step.iteration + 1)
         if self._made is not None and problem is not self._made.problem:
-            # another number of reports may tell now whether it is at rest
-            self._history.flush()
-            step = self._history.step(step.iteration, problem)
+            step = replace(step, recent=(step.report,))  # whether it is at rest is told anew
         self._step = estimation.following(step, problem)
         made = self._read_out(self._step, problem, self._elapsed + time.perf_counter() - began)
         self._made = made
@@ -336,8 +336,8 @@ class Session:
     def _reset(self) -> None:
         if self._goal is not None:
             self._pause()
-        document = folded(self._document)
-        problem, inputs = prepare(self._store, document)
+        document = documents.folded(self._document)
+        problem, inputs = documents.prepare(self._store, document)
         self._history.abandon()
         self._store.write_session(self.id, document)
         self._document = document
@@ -349,12 +349,12 @@ class Session:
         self._past.check()
         if not config:
             return
-        settings = settings_of(fold(present_config(self._document), config))
+        settings = documents.settings_of(documents.fold(documents.present_config(self._document), config))
         self._apply({"config": config}, {"settings": settings})
 
     def _add_scan(self, scan_id: str) -> None:
         self._past.check()
-        if scan_id in present_scans(self._document):
+        if scan_id in documents.present_scans(self._document):
             raise HttpProblem(409, f"scan '{scan_id}' is in session '{self.id}' already")
         self._apply({"scan_id": scan_id}, {"scan": self._store.load_scan(scan_id)})
 
@@ -365,7 +365,7 @@ class Session:
         entry = {"after_iteration": after, **entry}
         old = self._document
         new = {**old, "changes": [*(old.get("changes") or ()), entry]}
-        problem, _ = prepare(self._store, new)
+        problem, _ = documents.prepare(self._store, new)
         self._store.write_session(self.id, new)
         try:
             self._history.change(Change(after, note=json.dumps(entry), **change))
@@ -387,14 +387,14 @@ class Session:
         }
 
     def _progress(self) -> dict[str, Any]:
-        row = self._past.row
+        row, changed = self._past.row, self._past.changed_since
         return {
             "state": self._state,
             "iteration": row["iteration"],
             "iterations": self._target,
             "until": self._until,
-            "converged": row["converged"],
-            "certain": row["certain"],
+            "converged": row["converged"] and not changed,
+            "certain": row["certain"] and not changed,
             "error": self._error,
             "position": self._slots.position(self) if self._state == "waiting" else None,
         }

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from app.landing import read_json, replace_json
 from app.problems import HttpProblem
+from app.store.landing import read_json, replace_json
 
 KEEP_SECONDS = 24 * 3600.0
 MOST = 10_000

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from app import estimation
-from app.history import Row
 from app.json_text import json_bytes
+from app.sessions.history import Row
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app.commands.progress import Progress, announce
 from app.methods import check_method
-from app.progress import Progress, announce
 from pmpnbp.errors import PmpnbpError, RecordingError, ScanError, SettingError
 
 if TYPE_CHECKING:

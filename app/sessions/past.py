@@ -11,9 +11,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from app.history import History, Row
 from app.problems import HttpProblem
-from app.snapshot import Snapshot, snapshot
+from app.sessions.history import History, Row
+from app.sessions.snapshot import Snapshot, snapshot
 from pmpnbp.errors import RecordingError
 from pmpnbp.inference.problem import Problem
 
@@ -68,6 +68,15 @@ class Past:
     def changes(self) -> int:
         """How many changes there were."""
         return len(self._changes_after)
+
+    @property
+    def changed_since(self) -> bool:
+        """Whether the next iteration is made with other settings or scans than the newest was."""
+        return any(after >= self.iteration for after in self._changes_after)
+
+    def stretch(self, iteration: int) -> int:
+        """The iteration from which on nothing was changed, of those up to `iteration`."""
+        return max((after for after in self._changes_after if after <= iteration), default=0)
 
     @property
     def row(self) -> Row:

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from app.estimation import Step
-from app.landing import DISK_FULL, full_disk_as_problem
 from app.problems import HttpProblem
+from app.store.landing import DISK_FULL, full_disk_as_problem
 from pmpnbp.errors import RecordingError
 from pmpnbp.inference import run as engine
 from pmpnbp.inference.belief import IterationReport
@@ -96,12 +96,13 @@ class History:
         with Recording(self.path) as recording:
             return recording.report(iteration), self._row(recording, iteration)
 
-    def step(self, iteration: int, problem: Problem) -> Step:
-        """An iteration as it was just after it was made, to go on from with `problem`."""
+    def step(self, iteration: int, problem: Problem, since: int = 0) -> Step:
+        """An iteration as it was just after it was made, to go on from with `problem`; whether it is at rest is told by
+        iterations from `since` on."""
         needed = problem.settings.converged_iterations + 1
         with Recording(self.path) as recording:
             reports = [recording.report(iteration)]
-            while len(reports) < needed and reports[0].iteration > 0:
+            while len(reports) < needed and reports[0].iteration > since:
                 try:
                     reports.insert(0, recording.report(reports[0].iteration - 1))
                 except RecordingError:

@@ -1,6 +1,6 @@
 """What is in an uploaded file? Read here, in a process of its own that has nothing to lose.
 
-    python -m app.parse_worker KIND BYTES SECONDS
+    python -m app.uploads.parse_worker KIND BYTES SECONDS
 
 KIND is models, scans or recordings; BYTES of memory is what the process may take, SECONDS of processor time what a file
 may take; past either the process dies or says so. It says `{"ready": true}`, then reads files by the line on standard
@@ -72,7 +72,7 @@ def _reader(kind: str) -> Callable[[Job], Summary]:
 
         return lambda job: _model(job, load_model)
     if kind == "scans":
-        from app.stored_scan import write_scan
+        from app.store.stored_scan import write_scan
         from pmpnbp.scene import lzf
         from pmpnbp.scene.scan_files import load_scan
 

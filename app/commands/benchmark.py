@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pmpnbp.errors import PmpnbpError
 
-PROJECT = Path(__file__).resolve().parent.parent
+PROJECT = Path(__file__).resolve().parents[2]
 
 
 class BenchmarkError(PmpnbpError):

@@ -7,9 +7,9 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from app.parsers import Parsers
 from app.server_config import ServerConfig
-from app.store import Store
+from app.store.store import Store
+from app.uploads.parsers import Parsers
 
 NAME = "Sample: a cabinet with an open drawer"
 
@@ -19,7 +19,7 @@ def sample_document(store: Store, config: ServerConfig) -> dict[str, Any] | None
 
     The sample data is not installed: it is looked for beside the package and in the working folder.
     """
-    places = (Path(__file__).resolve().parent.parent / "sample_data", Path.cwd() / "sample_data")
+    places = (Path(__file__).resolve().parents[2] / "sample_data", Path.cwd() / "sample_data")
     folder = next((place / "cabinet" for place in places if (place / "cabinet" / "open").is_dir()), None)
     if folder is None:
         return None

@@ -15,9 +15,9 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.requests import ClientDisconnect
 
-from app.landing import full_disk_as_problem
 from app.problems import HttpProblem
-from app.store import Staging, safe_name
+from app.store.landing import full_disk_as_problem
+from app.store.store import Staging, safe_name
 
 # Written at once; bounds what an upload takes of the server's memory.
 _CHUNK = 1 << 20

@@ -10,7 +10,7 @@ from typing import Any
 
 from app import estimation
 from app.problems import HttpProblem
-from app.store import Store
+from app.store.store import Store
 from pmpnbp.inference.problem import Problem
 from pmpnbp.recording import Inputs
 from pmpnbp.settings import Settings, changed, preset

@@ -10,12 +10,12 @@ from contextlib import asynccontextmanager
 import anyio.to_thread
 from fastapi import Request, Response
 
-from app.multipart import Upload, receive
-from app.parsers import Parsers
 from app.problems import HttpProblem
-from app.remembered import call_key
 from app.server_config import ServerConfig
-from app.store import Document, Staging, Store
+from app.store.remembered import call_key
+from app.store.store import Document, Staging, Store
+from app.uploads.multipart import Upload, receive
+from app.uploads.parsers import Parsers
 
 # Uploads that are read at once. More would only make all of them late on a machine of few cores.
 AT_ONCE = 4

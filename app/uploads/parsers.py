@@ -46,7 +46,7 @@ class _Late(Exception):
 
 
 class _Worker:
-    """One `app.parse_worker`, started at once, ready some time after."""
+    """One `app.uploads.parse_worker`, started at once, ready some time after."""
 
     def __init__(self, kind: str, memory: int, seconds: float) -> None:
         self.kind = kind
@@ -58,13 +58,13 @@ class _Worker:
         environment = {name: value for name, value in os.environ.items() if name in _ENVIRONMENT}
         environment |= {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "app.parse_worker", kind, str(memory), str(seconds)],
+            [sys.executable, "-m", "app.uploads.parse_worker", kind, str(memory), str(seconds)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             bufsize=0,
             env=environment,
-            cwd=Path(__file__).resolve().parent.parent,  # where `app` is found
+            cwd=Path(__file__).resolve().parents[2],  # where `app` is found
             start_new_session=True,  # a group of its own, so that it can be killed with its children
         )
 
@@ -147,7 +147,7 @@ class Parsers:
             worker.end()
 
     def parse(self, kind: str, path: Path, out: Path, camera: Path | None = None) -> dict[str, Any]:
-        """What is in the file `path`, as `app.parse_worker` tells it; a scan, with its `camera`, goes to `out`.
+        """What is in the file `path`, as `app.uploads.parse_worker` tells it; a scan, with its `camera`, goes to `out`.
 
         Raises HttpProblem 422 with the reader's sentence, or where it crashed or took too long; 507 on a full disk.
         """

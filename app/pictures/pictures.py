@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
 
-from app.backdrop import LIGHT, backdrop, resized, scaled, without_specks
 from app.palette import INK, PAPER, part_colours, rgb
-from app.part_images import NOTHING, PartImage, PartImages
+from app.pictures.backdrop import LIGHT, backdrop, resized, scaled, without_specks
+from app.pictures.part_images import NOTHING, PartImage, PartImages
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.readout.estimate import VISIBLE_TOLERANCE

@@ -12,7 +12,7 @@ SERVE_STAMP := $(VENV)/.installed-to-serve
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
-.PHONY: serve test install lint format types benchmark clean system-packages
+.PHONY: serve test install lint format types benchmark clean system-packages browser
 .DEFAULT_GOAL := test
 
 ## serve: the server at http://127.0.0.1:8080/ with the sample session open; `make serve SERVE_ARGS="--port 8081"`
@@ -20,7 +20,7 @@ serve: $(SERVE_STAMP)
 	$(BIN)/pmpnbp serve --demo $(SERVE_ARGS)
 
 ## test: format and lint check, type check, tests, in that order
-test: lint types
+test: browser lint types
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
 ## install: .venv with this project, what it needs and what its tests need
@@ -67,3 +67,6 @@ $(SERVE_STAMP): pyproject.toml constraints.txt | system-packages
 
 system-packages:
 	@sh .ci/system_packages
+
+browser:
+	@sh .ci/browser

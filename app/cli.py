@@ -85,6 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_estimate(commands)
     _add_serve(commands)
+    _add_view(commands)
     _add_settings(commands)
     _add_benchmark(commands)
     return parser
@@ -170,6 +171,23 @@ def _add_serve(commands: argparse._SubParsersAction[_Parser]) -> None:
     command.set_defaults(run=_serve)
 
 
+def _add_view(commands: argparse._SubParsersAction[_Parser]) -> None:
+    command = commands.add_parser(
+        "view",
+        help="look at a recording in the browser",
+        description="Look at a recording in the browser. A server of its own on this machine shows it, prints the link "
+        "to its page and ends with SIGTERM or Ctrl-C; the file is not changed.",
+    )
+    command.add_argument("recording", type=Path, metavar="RECORDING", help="what `estimate --recording` writes")
+    command.add_argument(
+        "--port", type=_whole(0, 65535), default=0, metavar="N", help="port to listen on; default: a free one"
+    )
+    command.add_argument(
+        "--no-browser", dest="browser", action="store_false", help="print the link only, open no browser"
+    )
+    command.set_defaults(run=_view)
+
+
 def _add_settings(commands: argparse._SubParsersAction[_Parser]) -> None:
     command = commands.add_parser("settings", help="list every setting that --config takes")
     command.set_defaults(run=_settings)
@@ -189,6 +207,12 @@ def _estimate(arguments: argparse.Namespace) -> int:
 
 def _serve(arguments: argparse.Namespace) -> int:
     from app.commands.serve import run
+
+    return run(arguments)
+
+
+def _view(arguments: argparse.Namespace) -> int:
+    from app.commands.view import run
 
     return run(arguments)
 

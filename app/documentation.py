@@ -25,6 +25,7 @@ TAGS = {
     "sessions": "An object looked for in scans: create, run, step, pause, change.",
     "results": "What a session has found: estimates, beliefs, messages, decisions.",
     "events": "What happens in a session, as it happens.",
+    "views": "3D views: what each shows, and what is clicked and dragged in it.",
     "recordings": "Sessions as files.",
     "settings": "What can be set.",
     "health": "For orchestrators and monitoring.",

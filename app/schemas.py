@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Until = Literal["iterations", "converged", "certain"]
-State = Literal["paused", "waiting", "running", "failed"]
+State = Literal["paused", "waiting", "running", "failed", "recorded"]
 Certain = Annotated[bool, Field(description="whether every std_xyz is at most max_std")]
 Covariance = Annotated[
     list[float],
@@ -123,7 +123,8 @@ class Progress(BaseModel):
     """The part of a session that changes by itself."""
 
     state: State = Field(
-        description="waiting: wants to iterate, and does as soon as fewer sessions run; failed: see error"
+        description="waiting: wants to iterate, and does as soon as fewer sessions run; failed: see error; recorded: "
+        "an uploaded recording, which does not iterate"
     )
     iteration: int | None = Field(description="the newest one; 0 is the start; null where its recording is lost")
     iterations: int = Field(description="the iteration at which the present or last run ends")
@@ -140,10 +141,11 @@ class Session(Progress):
     """A session: a model, scans, and beliefs about where the model's links are."""
 
     id: str = Field(description="16 hexadecimal digits", examples=["0123456789abcdef"])
+    kind: Literal["session", "recording"] = Field(description="recording: an uploaded one, which can only be read")
     name: str | None = Field(description="what people call it")
-    view_url: str = Field(description="path of its 3D view", examples=["/sessions/0123456789abcdef/view/"])
-    model_id: str | None = Field(description="id of the model; null where the session's document is damaged")
-    scan_ids: list[str] = Field(description="ids of the scans, those added later too")
+    view_url: str = Field(description="path of its page", examples=["/sessions/0123456789abcdef/"])
+    model_id: str | None = Field(description="id of the model; null where the document is damaged, and of a recording")
+    scan_ids: list[str] = Field(description="ids of the scans, those added later too; empty of a recording")
     method: str | None = Field(description="how it infers")
     particles: int | None = Field(description="particles of each part")
     seed: int | None = Field(description="of its random numbers")
@@ -280,10 +282,21 @@ class TraceRow(BaseModel):
     notes: list[str] = Field(description="what the inference had to remark")
 
 
+class TraceChange(BaseModel):
+    """What was changed on the way: settings, or a view that came."""
+
+    after_iteration: int = Field(description="iterations beyond this one are made with the change")
+    config: dict[str, Any] | None = Field(None, description="settings by name, where some were changed")
+    scan_id: str | None = Field(
+        None, description="id of the scan, where one was added; `view N` in an uploaded recording, which knows no ids"
+    )
+
+
 class Trace(BaseModel):
     """All iterations at a glance."""
 
     session_id: str = Field(description="the session")
+    changes: list[TraceChange] = Field(description="what was changed on the way, in order")
     iterations: list[TraceRow] = Field(description="ascending")
 
 

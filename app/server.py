@@ -14,7 +14,22 @@ from fastapi import FastAPI
 from app import documentation, problems, warm_up
 from app.pictures.pictures import Pictures
 from app.rate_limit import RateLimit, Traffic
-from app.routes import events, health, models, pictures, recordings, results, scans, sessions, settings, start_page
+from app.routes import (
+    events,
+    graph,
+    health,
+    models,
+    particles,
+    pictures,
+    recordings,
+    results,
+    samples,
+    scans,
+    sessions,
+    settings,
+    start_page,
+    views,
+)
 from app.security import Access, Headers
 from app.server_config import ServerConfig
 from app.sessions.sessions import Sessions
@@ -29,9 +44,13 @@ ROUTERS = (
     models.router,
     scans.router,
     sessions.router,
+    samples.router,
+    graph.router,
     results.router,
+    particles.router,
     pictures.router,
     events.router,
+    views.router,
     recordings.router,
     settings.router,
     health.router,

@@ -50,7 +50,8 @@ class ServerConfig:
     max_upload_bytes: int = _entry(256 * _MIB, "bytes", "of one upload", low=1024)
     max_disk_bytes: int = _entry(20 * _GIB, "bytes", "that the data directory may take", low=1024)
     parse_seconds: float = _entry(15.0, "seconds", "that reading an upload may take", low=0.1)
-    parse_bytes: int = _entry(2 * _GIB, "bytes", "of memory that reading an upload may take", low=256 * _MIB)
+    # The readers of models take 800 MiB of addresses for their libraries alone.
+    parse_bytes: int = _entry(2 * _GIB, "bytes", "of memory that reading an upload may take", low=_GIB)
     requests_per_second: float = _entry(1000.0, "1/s", "requests of one client, on average", low=0.1)
     max_clients: int = _entry(200, "clients", "connected at once, event streams and 3D views among them", low=1)
 

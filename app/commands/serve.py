@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import logging
 import secrets
 import signal
 import socket
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
 
@@ -32,17 +33,16 @@ class ServeError(PmpnbpError):
 class Server(uvicorn.Server):
     """A server that closes sessions and streams first when it stops, as it would wait for streams without end."""
 
-    def __init__(self, config: uvicorn.Config, app: FastAPI, link: str | None = None) -> None:
+    def __init__(self, config: uvicorn.Config, app: FastAPI, listening: Callable[[], None] | None = None) -> None:
         super().__init__(config)
         self._app = app
-        self._link = link
+        self._listening = listening
 
     async def startup(self, sockets: Sequence[socket.socket] | None = None) -> None:
-        """Start, and say where."""
+        """Start, and have it said where."""
         await super().startup(sockets=list(sockets) if sockets is not None else None)
-        if self.started and self._link is not None:
-            sys.stdout.write(self._link + "\n")
-            sys.stdout.flush()
+        if self.started and self._listening is not None:
+            self._listening()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Pause and keep sessions, end streams, then connections."""
@@ -57,7 +57,18 @@ def run(arguments: argparse.Namespace) -> int:
     config = config_from({entry.name: getattr(arguments, entry.name, None) for entry in fields(ServerConfig)})
     if config.token is None and not config.loopback:
         config = replace(config, token=secrets.token_urlsafe(24))
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s: %(name)s: %(message)s", stream=sys.stderr)
+    return serve(config, logging.INFO, lambda app, config: functools.partial(say, link(config)))
+
+
+def serve(config: ServerConfig, level: int, opened: Callable[[FastAPI, ServerConfig], Callable[[], None]]) -> int:
+    """Serve until SIGTERM or SIGINT; return the exit status.
+
+    level : from which on messages go to standard error; opened : called with the application, its store open, and the
+        configuration with the port that it listens at; what it returns is called once the server answers
+
+    Raises PmpnbpError for settings that cannot be, and whatever `opened` does.
+    """
+    logging.basicConfig(level=level, format="%(levelname)s: %(name)s: %(message)s", stream=sys.stderr)
     # Requests are counted at /metrics; at this level each client's would be a line
     logging.getLogger("httpx").setLevel(logging.WARNING)
     listening = _listen(config)
@@ -65,11 +76,11 @@ def run(arguments: argparse.Namespace) -> int:
     from app.server import close_all, create_app, open_all  # seconds of imports: bad settings are said before
 
     app = create_app(config)
-    server = server_for(app, config, link(config))
     # uvicorn raises the signal that stopped it once more when it is done, by then for this handler
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         open_all(app)  # here, not in the server's own start, where a bad data directory would be a traceback
+        server = server_for(app, config, opened(app, config))
         with suppress(KeyboardInterrupt):  # it was asked to stop and did: that is no failure
             server.run(sockets=[listening])
     finally:
@@ -80,8 +91,14 @@ def run(arguments: argparse.Namespace) -> int:
     return OK
 
 
-def server_for(app: FastAPI, config: ServerConfig, link: str | None = None) -> Server:
-    """A server for `app` that has not started. link : the line to print once it has."""
+def say(line: str) -> None:
+    """A line on standard output, at once."""
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+def server_for(app: FastAPI, config: ServerConfig, listening: Callable[[], None] | None = None) -> Server:
+    """A server for `app` that has not started. listening : called once it has."""
     settings = uvicorn.Config(
         app,
         host=config.host,
@@ -95,7 +112,7 @@ def server_for(app: FastAPI, config: ServerConfig, link: str | None = None) -> S
         timeout_graceful_shutdown=STOP_SECONDS,
         server_header=False,
     )
-    return Server(settings, app, link)
+    return Server(settings, app, listening)
 
 
 def link(config: ServerConfig) -> str:

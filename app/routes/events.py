@@ -16,7 +16,7 @@ from app.json_text import json_bytes
 from app.problems import HttpProblem, responses
 from app.schemas import answer
 from app.sessions.events import Event
-from app.sessions.session import Session
+from app.sessions.readable import Readable
 from app.sessions.sessions import Sessions
 from pmpnbp.errors import RecordingError
 
@@ -34,7 +34,8 @@ KEEP_ALIVE = 15.0
     description="Server-sent events. `iteration`: a row of the trace. `state`: state, iteration, iterations, until, "
     "converged, certain, error, position, as the session has them. `error`: error, iteration. Numbers only rise. A "
     "stream begins with the newest iteration and the state; with Last-Event-ID, with what came after that event. A "
-    "slow listener may miss iterations, never the newest.",
+    "slow listener may miss iterations, never the newest. That of an uploaded recording tells how it ends, and stays "
+    "open.",
     responses=answer("The stream.", content={"text/event-stream": {"schema": {"type": "string"}}}) | responses(404),
 )
 async def get_events(
@@ -46,13 +47,15 @@ async def get_events(
 ) -> StreamingResponse:
     """The stream; it ends with the session, or the server."""
     sessions: Sessions = request.app.state.sessions
-    session = sessions.get(session_id)
+    session = sessions.at_hand(session_id)
+    if session is None:
+        session = await anyio.to_thread.run_sync(sessions.get, session_id)
     seen = int(last_event_id) if last_event_id else None
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
     return StreamingResponse(stream(session, seen), media_type="text/event-stream", headers=headers)
 
 
-async def stream(session: Session, seen: int | None) -> AsyncIterator[bytes]:
+async def stream(session: Readable, seen: int | None) -> AsyncIterator[bytes]:
     """The text of the stream: what came after event `seen` (None: how things stand), then everything new."""
     told, loop = asyncio.Event(), asyncio.get_running_loop()
 
@@ -86,7 +89,7 @@ def text(event: Event) -> bytes:
     return b"id: %d\nevent: %s\ndata: %s\n\n" % (event.number, event.kind.encode(), event.data)
 
 
-def _before(session: Session, seen: int | None, cursor: int) -> list[Event]:
+def _before(session: Readable, seen: int | None, cursor: int) -> list[Event]:
     """What a listener has to hear first, up to event `cursor`."""
     events = session.events
     kept = [event for event in events.since(seen or 0) if event.number <= cursor]

@@ -10,7 +10,6 @@ from app.pictures.part_images import DrawingError
 from app.pictures.pictures import LONGEST, Pictures
 from app.problems import HttpProblem, responses
 from app.sessions.sessions import Sessions
-from app.store.store import Store
 from pmpnbp.readout.estimate import agreeing
 
 router = APIRouter(prefix="/api/v1", tags=["results"])
@@ -47,21 +46,18 @@ def get_estimate_picture(
 ) -> Response:
     """Draw it, or find it drawn."""
     sessions: Sessions = request.app.state.sessions
-    store: Store = request.app.state.store
     pictures: Pictures = request.app.state.pictures
     session = sessions.get(session_id)
     made = session.read(iteration)
-    scans = session.status()["scan_ids"]
-    if view >= len(scans):
-        raise HttpProblem(404, f"view {view} of session '{session_id}' is not here; it has 0 to {len(scans) - 1}")
+    scan_name, scan = session.scan(view)
     # an event's number is never used again, while iterations count anew after a reset
-    name = (session_id, made.row["event"], scans[view], width)
+    name = (session_id, made.row["event"], scan_name, width)
     picture = pictures.kept(name)
     if picture is None:
         model = made.problem.mrf.model
         part_poses = model.part_poses(*agreeing(made.problem, made.report))
         try:
-            picture = pictures.draw(store.load_scan(scans[view]), model, part_poses, width, scan_name=scans[view])
+            picture = pictures.draw(scan, model, part_poses, width, scan_name=scan_name)
         except DrawingError as error:
             raise HttpProblem(503, str(error)) from None
         pictures.keep(name, picture)

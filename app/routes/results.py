@@ -19,7 +19,7 @@ from app import schemas
 from app.json_text import json_bytes
 from app.particle_files import MEDIA_TYPES, Format, written
 from app.problems import HttpProblem, responses
-from app.sessions.session import Session
+from app.sessions.readable import Readable
 from app.sessions.sessions import Sessions
 from app.sessions.snapshot import Snapshot
 from app.store.landing import full_disk_as_problem
@@ -48,7 +48,7 @@ _CHUNK = 1 << 18
 _FILES = {"application/octet-stream": _BINARY}
 
 
-def _session(request: Request, id: str) -> Session:
+def _session(request: Request, id: str) -> Readable:
     sessions: Sessions = request.app.state.sessions
     return sessions.get(id)
 
@@ -70,7 +70,10 @@ async def get_estimate(
     timeout: Annotated[float, Query(ge=0, le=600, description="seconds to wait, at most")] = 30.0,
 ) -> Response:
     """The newest at once, from memory; all else in a thread."""
-    session = _session(request, session_id)
+    sessions: Sessions = request.app.state.sessions
+    session = sessions.at_hand(session_id)
+    if session is None:
+        session = await anyio.to_thread.run_sync(sessions.get, session_id)
     made = session.present
     if made is None or iteration is not None or wait is not None:
         made = await anyio.to_thread.run_sync(_found, session, iteration, wait, timeout)
@@ -78,13 +81,13 @@ async def get_estimate(
     return Response(made.result_text[:-1] + b"," + tail[1:], media_type="application/json")
 
 
-def _found(session: Session, iteration: int | None, wait: Wait | None, timeout: float) -> Snapshot:
+def _found(session: Readable, iteration: int | None, wait: Wait | None, timeout: float) -> Snapshot:
     if wait is not None and iteration is None:
         _await(session, wait, timeout)
     return session.read(iteration)
 
 
-def _await(session: Session, wait: Wait, timeout: float) -> None:
+def _await(session: Readable, wait: Wait, timeout: float) -> None:
     told = threading.Event()
     end = session.events.listen(told.set)
     try:
@@ -99,7 +102,7 @@ def _await(session: Session, wait: Wait, timeout: float) -> None:
         end()
 
 
-def _so(session: Session, wait: Wait) -> bool:
+def _so(session: Readable, wait: Wait) -> bool:
     progress = session.progress()
     return wait != "idle" and bool(progress[wait])
 
@@ -187,7 +190,7 @@ def get_message(
     operation_id="get_trace",
     summary="All iterations at a glance",
     description="Per iteration: seconds, effective sample size by part, log-likelihood, standard deviations by link "
-    "(metres), and ADD by part (metres) where the truth is known.",
+    "(metres), and ADD by part (metres) where the truth is known. Rows may be missing where a recording is damaged.",
     responses=schemas.answer("The trace.", model=schemas.Trace) | responses(404, 409),
 )
 def get_trace(
@@ -198,7 +201,7 @@ def get_trace(
     """The rows as they were recorded."""
     session = _session(request, session_id)
     rows = ",".join(session.rows(after))
-    head = json_bytes({"session_id": session.id})[:-1].decode()
+    head = json_bytes({"session_id": session.id, "changes": session.changes()})[:-1].decode()
     return Response(f'{head},"iterations":[{rows}]}}'.encode(), media_type="application/json")
 
 
@@ -263,7 +266,7 @@ def _chunks(file: BinaryIO) -> Iterator[bytes]:
             yield chunk
 
 
-def _members(session: Session, made: Snapshot) -> dict[str, Any]:
+def _members(session: Readable, made: Snapshot) -> dict[str, Any]:
     return {
         "session_id": session.id,
         "iteration": made.iteration,

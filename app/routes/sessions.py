@@ -72,7 +72,8 @@ def list_sessions(request: Request) -> Any:
     response_model=Session,
     operation_id="get_session",
     summary="One session",
-    description="What it was made of and how far it is.",
+    description="What it was made of and how far it is. The id of an uploaded recording stands for a session that can "
+    "be read, and only read: its state is `recorded`, and calls that would change it are answered 409.",
     responses=responses(404),
 )
 def get_session(session_id: SessionId, request: Request) -> Any:
@@ -85,8 +86,9 @@ def get_session(session_id: SessionId, request: Request) -> Any:
     status_code=204,
     operation_id="delete_session",
     summary="Delete a session",
-    description="Stops it after its present iteration; its recording goes with it.",
-    responses=responses(404),
+    description="Stops it after its present iteration; its recording goes with it. An uploaded recording is deleted by "
+    "DELETE /api/v1/recordings/{id}.",
+    responses=responses(404, status_409="It is an uploaded recording."),
 )
 def delete_session(session_id: SessionId, request: Request) -> Response:
     """Stop and forget it."""
@@ -106,7 +108,7 @@ def delete_session(session_id: SessionId, request: Request) -> Response:
 )
 def run_session(session_id: SessionId, request: Request, body: RunRequest | None = None) -> Any:
     """Set it going."""
-    session = _sessions(request).get(session_id)
+    session = _sessions(request).session(session_id)
     wanted = body or RunRequest()  # type: ignore[call-arg]  # every member has a default
     session.run(wanted.iterations, wanted.until)
     return session.status()
@@ -122,7 +124,7 @@ def run_session(session_id: SessionId, request: Request, body: RunRequest | None
 )
 def step_session(session_id: SessionId, request: Request, body: StepRequest | None = None) -> Any:
     """Iterate."""
-    session = _sessions(request).get(session_id)
+    session = _sessions(request).session(session_id)
     session.step(1 if body is None else body.iterations).result()
     return session.status()
 
@@ -137,7 +139,7 @@ def step_session(session_id: SessionId, request: Request, body: StepRequest | No
 )
 def pause_session(session_id: SessionId, request: Request) -> Any:
     """Stop it."""
-    session = _sessions(request).get(session_id)
+    session = _sessions(request).session(session_id)
     session.pause().result()
     return session.status()
 
@@ -152,7 +154,7 @@ def pause_session(session_id: SessionId, request: Request) -> Any:
 )
 def reset_session(session_id: SessionId, request: Request) -> Any:
     """Begin anew."""
-    session = _sessions(request).get(session_id)
+    session = _sessions(request).session(session_id)
     session.reset().result()
     return session.status()
 
@@ -167,7 +169,7 @@ def reset_session(session_id: SessionId, request: Request) -> Any:
 )
 def change_session(session_id: SessionId, body: ChangeRequest, request: Request) -> Any:
     """Change settings."""
-    session = _sessions(request).get(session_id)
+    session = _sessions(request).session(session_id)
     session.change(body.config).result()
     return session.status()
 
@@ -183,6 +185,6 @@ def change_session(session_id: SessionId, body: ChangeRequest, request: Request)
 )
 def add_session_scan(session_id: SessionId, body: AddScanRequest, request: Request) -> Any:
     """Add a view."""
-    session = _sessions(request).get(session_id)
+    session = _sessions(request).session(session_id)
     session.add_scan(body.scan_id).result()
     return session.status()

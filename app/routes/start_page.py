@@ -1,4 +1,4 @@
-"""The start page and its files: plain HTML, CSS and a script, as they lie in `static/`."""
+"""The pages and their files: plain HTML, CSS and scripts, as they lie in `static/`."""
 
 from __future__ import annotations
 
@@ -29,20 +29,28 @@ def start() -> FileResponse:
     return _file("index.html")
 
 
+@router.get("/sessions/{session_id}")
+@router.get("/sessions/{session_id}/")
+def session_page(session_id: str) -> FileResponse:
+    """The page of one session or recording, which asks for it itself and says where there is none."""
+    del session_id
+    return _file("session.html")
+
+
 @router.get("/favicon.ico")
 def icon() -> FileResponse:
     """What browsers ask for without being told to."""
     return _file("icon.svg")
 
 
-@router.get("/static/{name}")
+@router.get("/static/{name:path}")
 def static_file(name: str) -> FileResponse:
-    """One of the page's files."""
+    """One of the page's files, by its path in the folder."""
     return _file(name)
 
 
 def _file(name: str) -> FileResponse:
-    files = {path.name: path for path in STATIC.iterdir() if path.suffix in MEDIA_TYPES} if STATIC.is_dir() else {}
+    files = {path.relative_to(STATIC).as_posix(): path for path in STATIC.rglob("*") if path.suffix in MEDIA_TYPES}
     if name not in files:
         raise HttpProblem(404, f"page file '{name}' is not here; there are {', '.join(sorted(files)) or 'none'}")
     return FileResponse(files[name], media_type=MEDIA_TYPES[files[name].suffix])

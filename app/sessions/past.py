@@ -9,26 +9,60 @@ import sqlite3
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from app.problems import HttpProblem
-from app.sessions.history import History, Row
+from app.sessions.history import Row
 from app.sessions.snapshot import Snapshot, snapshot
 from pmpnbp.errors import RecordingError
+from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
+from pmpnbp.recording import Change
 
 # Problems kept, of the stretches between two changes.
 PROBLEMS = 3
 
 
+class Kept(Protocol):
+    """A recording that rows can be had from: a session's `History`, or that of an uploaded one."""
+
+    def mend(self) -> int:
+        """The last whole iteration. Raises RecordingError where there is none."""
+
+    def changes(self) -> list[Change]:
+        """All changes, in order."""
+
+    def row(self, iteration: int) -> Row:
+        """The row of an iteration. Raises RecordingError where there is none."""
+
+    def rows(self, after: int = -1) -> list[str]:
+        """The rows, JSON, of all iterations beyond `after`, ascending."""
+
+    def problem(self, iteration: int) -> Problem:
+        """What an iteration was, or will be, made with."""
+
+    def report(self, iteration: int) -> tuple[IterationReport, Row]:
+        """An iteration's report and row."""
+
+    def why(self, iteration: int, part: str, particle: int, problem: Problem) -> dict[str, Any]:
+        """`Recording.why`."""
+
+    def copy_to(self, path: Path) -> None:
+        """A consistent copy as one file."""
+
+
 class Past:
-    """The iterations of session `id` that are in its recording. Thread-safe.
+    """The iterations that are in the recording of a session, which `name` is what errors call. Thread-safe.
 
     options : `method`, `max_std` and `truth` as `snapshot.snapshot` takes them
+    remedy : what helps where the recording is damaged
     """
 
-    def __init__(self, id: str, history: History, options: Callable[[], dict[str, Any]]) -> None:
-        self._id = id
+    def __init__(
+        self, name: str, history: Kept, options: Callable[[], dict[str, Any]], remedy: str = "reset or delete"
+    ) -> None:
+        self._name = name
+        self._remedy = remedy
         self._history = history
         self._options = options
         self._lock = threading.Lock()
@@ -114,9 +148,7 @@ class Past:
         if iteration is None or iteration == newest.iteration:
             return newest
         if not 0 <= iteration < newest.iteration:
-            raise HttpProblem(
-                404, f"iteration {iteration} of session '{self._id}' is not here; it has 0 to {newest.iteration}"
-            )
+            raise HttpProblem(404, f"iteration {iteration} of {self._name} is not here; it has 0 to {newest.iteration}")
         try:
             return self._read(iteration)
         except RecordingError as error:
@@ -126,6 +158,13 @@ class Past:
         """The rows, JSON, of the iterations beyond `after`. HttpProblem 409 where the recording is damaged."""
         self.check()
         return self._history.rows(after)
+
+    def why(self, made: Snapshot, part: str, particle: int) -> dict[str, Any]:
+        """Why a particle of an iteration that `read` gave weighs what it does; as `Recording.why`. HttpProblem 404."""
+        try:
+            return self._history.why(made.iteration, part, particle, made.problem)
+        except RecordingError as error:
+            raise HttpProblem(404, str(error)) from None
 
     def copy_to(self, path: Path) -> None:
         """A consistent copy of the recording, also of a damaged one where it can be copied. HttpProblem 409."""
@@ -152,7 +191,7 @@ class Past:
     def check(self) -> None:
         """HttpProblem 409 where the recording is damaged."""
         if self.damage is not None:
-            raise HttpProblem(409, f"session '{self._id}' is failed: {self.damage}; only reset or delete helps")
+            raise HttpProblem(409, f"{self._name} is failed: {self.damage}; only {self._remedy} helps")
 
     def _keep(self, number: int, problem: Problem) -> None:
         self._problems[number] = problem

@@ -1,52 +1,132 @@
-"""What does the sample session look at? The cabinet of `sample_data/`, an open drawer seen from the front."""
+"""What can a sample session look at? The scenes of `sample_data/`: cabinets, a cupboard, and a mobile manipulator."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
+import zipfile
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from app.server_config import ServerConfig
-from app.store.store import Store
+from app.store.store import Staging, Store
 from app.uploads.parsers import Parsers
 
-NAME = "Sample: a cabinet with an open drawer"
 
+@dataclass(frozen=True)
+class Sample:
+    """A scene of the sample data.
 
-def sample_document(store: Store, config: ServerConfig) -> dict[str, Any] | None:
-    """What `Sessions.create` takes for it, with model and scan put into the store; None where there is no sample data.
-
-    The sample data is not installed: it is looked for beside the package and in the working folder.
+    scene : what it is asked for by; folder : its object's, and scan : its own in there; name : what its session is
+        called; about : what is to be seen, one sentence; prior : whether the session starts from the scene's prior
     """
+
+    scene: str
+    folder: str
+    scan: str
+    name: str
+    about: str
+    prior: bool = False
+
+
+SAMPLES = (
+    Sample("open", "cabinet", "open", "Sample: a cabinet with an open drawer", "Every drawer is seen well."),
+    Sample(
+        "self_occluded", "cabinet", "self_occluded", "Sample: a cabinet that hides a drawer",
+        "The top drawer hides the second one, whose position stays uncertain.",
+    ),
+    Sample(
+        "arm", "cabinet", "arm", "Sample: a cabinet behind a robot arm",
+        "An arm stands in front that is no part of the model.",
+    ),
+    Sample(
+        "blanket", "cabinet", "blanket", "Sample: a cabinet under a blanket", "A cloth covers half of the front.",
+    ),
+    Sample(
+        "closed", "cabinet", "closed", "Sample: a closed cabinet", "The drawers lie flush: only edges tell them apart.",
+    ),
+    Sample("door", "door", "ajar", "Sample: a cupboard with its door ajar", "One hinge, a revolute joint."),
+    Sample(
+        "robot", "robot", "scan_0", "Sample: a mobile manipulator",
+        "Twelve links and eleven joints, from a rough prior of the base.", prior=True,
+    ),
+)  # fmt: skip
+NAME = SAMPLES[0].name
+
+
+def sample_data() -> Path | None:
+    """The folder of the sample data, which is not installed: beside the package or in the working folder, else None."""
     places = (Path(__file__).resolve().parents[2] / "sample_data", Path.cwd() / "sample_data")
-    folder = next((place / "cabinet" for place in places if (place / "cabinet" / "open").is_dir()), None)
-    if folder is None:
+    return next((place for place in places if (place / "cabinet" / "open").is_dir()), None)
+
+
+def sample_document(store: Store, config: ServerConfig, scene: str = "open") -> dict[str, Any] | None:
+    """What `Sessions.create` takes for the sample `scene`; None where there is no sample data.
+
+    Model and scan are put into the store unless they are there from a sample before. Raises KeyError for a scene that
+    SAMPLES does not have.
+    """
+    sample = {known.scene: known for known in SAMPLES}[scene]
+    root = sample_data()
+    if root is None:
         return None
-    scene = folder / "open"
+    place = root / sample.folder / sample.scan
     parsers = Parsers(config.parse_bytes, config.parse_seconds)
     try:
         with store.staging() as staging:
-            model, depth, camera, out = (
-                staging.folder / name for name in ("cabinet.urdf", "depth.png", "camera.json", "scan.npz")
-            )
-            for source, target in ((folder / model.name, model), (scene / depth.name, depth)):
-                shutil.copyfile(source, target)
-            shutil.copyfile(scene / camera.name, camera)
-            model_id = store.add_model(model, model.name, parsers.parse("models", model, out, None))["id"]
-            summary = parsers.parse("scans", depth, out, camera)
-            scan_id = store.add_scan(out, depth.name, summary)["id"]
+            model_id = _model(store, parsers, staging, root / sample.folder)
+        with store.staging() as staging:
+            scan_id = _scan(store, parsers, staging, place)
     finally:
         parsers.close()
     return {
-        "name": NAME,
+        "name": sample.name,
         "model_id": model_id,
         "scan_ids": [scan_id],
-        "roi": json.loads((scene / "region.json").read_text(encoding="utf-8"))["region"],
-        "truth": _truth(scene),
+        "roi": _json(place / "region.json")["region"],
+        "prior": _json(place / "prior.json") if sample.prior else None,
+        "truth": {
+            name: members for name, members in _json(place / "truth.json").items() if name in ("links", "joints")
+        },
     }
 
 
-def _truth(scene: Path) -> dict[str, Any]:
-    members = json.loads((scene / "truth.json").read_text(encoding="utf-8"))
-    return {name: members[name] for name in ("links", "joints")}
+def _model(store: Store, parsers: Parsers, staging: Staging, folder: Path) -> str:
+    """The id of the URDF in `folder`, zipped with its meshes where it has some."""
+    source = folder / f"{folder.name}.urdf"
+    meshes = sorted((folder / "meshes").glob("*"))
+    staged = staging.folder / (f"{folder.name}.zip" if meshes else source.name)
+    if meshes:
+        with zipfile.ZipFile(staged, "w", zipfile.ZIP_DEFLATED) as archive:
+            for path in (source, *meshes):
+                # without the file's time: the same bytes each time, by which it is known again
+                archive.writestr(zipfile.ZipInfo(path.relative_to(folder).as_posix()), path.read_bytes())
+    else:
+        shutil.copyfile(source, staged)
+    found = _known(store.models(), staged)
+    if found is not None:
+        return found
+    summary = parsers.parse("models", staged, staging.folder / "model.out", None)
+    return str(store.add_model(staged, staged.name, summary)["id"])
+
+
+def _scan(store: Store, parsers: Parsers, staging: Staging, place: Path) -> str:
+    """The id of the depth image in `place`, called by its scene's name, as all of them are files `depth.png`."""
+    depth, camera, out = (staging.folder / name for name in (f"{place.name}.png", "camera.json", "scan.npz"))
+    shutil.copyfile(place / "depth.png", depth)
+    shutil.copyfile(place / "camera.json", camera)
+    summary = parsers.parse("scans", depth, out, camera)
+    return _known(store.scans(), out) or str(store.add_scan(out, depth.name, summary)["id"])
+
+
+def _known(entries: list[dict[str, Any]], file: Path) -> str | None:
+    """The id of the entry with the content of `file`."""
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+    return next((str(entry["id"]) for entry in entries if entry.get("sha256") == digest), None)
+
+
+def _json(path: Path) -> dict[str, Any]:
+    members: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return members

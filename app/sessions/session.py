@@ -16,7 +16,6 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any, TypeVar
 
 from app import estimation
@@ -29,6 +28,7 @@ from app.sessions.events import Event, Events
 from app.sessions.goal import Goal, Until
 from app.sessions.history import History
 from app.sessions.past import Past
+from app.sessions.readable import Readable, no_view
 from app.sessions.slots import Slots
 from app.sessions.snapshot import Snapshot, snapshot
 from app.sessions.worker import Worker
@@ -37,6 +37,7 @@ from app.truth_file import truth_of
 from pmpnbp.errors import PmpnbpError, RecordingError
 from pmpnbp.inference.problem import Problem
 from pmpnbp.recording import Change, Inputs
+from pmpnbp.scene.observation import Scan
 
 Kind = TypeVar("Kind")
 
@@ -46,17 +47,19 @@ TURN = 10
 _log = logging.getLogger("pmpnbp.server")
 
 
-class Session:
+class Session(Readable):
     """One session. `begin` or `recover` comes first; then any thread may call what is public."""
 
+    kind = "session"
+
     def __init__(self, id: str, store: Store, document: Document, slots: Slots) -> None:
-        self.id = id
         first = int(document.get("events") or 1)
-        self.events = Events(first, first, self._reserve)
         self._store = store
         self._slots = slots
         self._document = document
         self._history = History(store.session_folder(id) / "recording.sqlite")
+        past = Past(f"session '{id}'", self._history, self._options)
+        super().__init__(id, Events(first, first, self._reserve), past)
         self._lock = threading.RLock()
         self._worker = Worker(f"session-{id}", self._pursue_goal, self._history.abandon, partial(slots.nudge, self))
         self._goal: Goal | None = None
@@ -66,7 +69,6 @@ class Session:
         self._target: int = document.get("iterations") or 0
         self._until: Until = "iterations"
         self._told: tuple[object, ...] = ()
-        self._past = Past(id, self._history, self._options)
         # of the thread alone
         self._step: Step | None = None
         self._made: Snapshot | None = None
@@ -139,35 +141,8 @@ class Session:
 
     @property
     def state(self) -> str:
-        """`paused`, `waiting` (for a slot), `running` or `failed`."""
+        """What it is doing."""
         return self._state
-
-    @property
-    def idle(self) -> bool:
-        """Whether it stays as it is until it is told something."""
-        return self._state in ("paused", "failed")
-
-    @property
-    def present(self) -> Snapshot | None:
-        """The newest iteration, where it is in memory: nothing is waited for."""
-        return self._past.present
-
-    @property
-    def snapshot(self) -> Snapshot:
-        """The newest iteration. HttpProblem 409 where the recording is damaged."""
-        return self._past.snapshot
-
-    def read(self, iteration: int | None = None) -> Snapshot:
-        """An iteration, read out as it was when it was made; without a number the newest. HttpProblem 404, 409."""
-        return self._past.read(iteration)
-
-    def rows(self, after: int = -1) -> list[str]:
-        """The trace, JSON, beyond iteration `after`. HttpProblem 409 where the recording is damaged."""
-        return self._past.rows(after)
-
-    def copy_recording(self, path: Path) -> None:
-        """A consistent copy of the recording. HttpProblem 409 where it is damaged."""
-        self._past.copy_to(path)
 
     def status(self) -> dict[str, Any]:
         """What REST shows of the session."""
@@ -176,8 +151,9 @@ class Session:
             shown = {name: document.get(name) for name in ("method", "particles", "seed", "roi", "prior", "max_std")}
             return {
                 "id": self.id,
+                "kind": self.kind,
                 "name": document.get("name"),
-                "view_url": f"/sessions/{self.id}/view/",
+                "view_url": f"/sessions/{self.id}/",
                 **self._progress(),
                 "model_id": document.get("model_id"),
                 "scan_ids": documents.present_scans(document),
@@ -190,6 +166,24 @@ class Session:
         """The part of it that changes by itself."""
         with self._lock:
             return self._progress()
+
+    def changes(self) -> list[dict[str, Any]]:
+        """What was changed since it began."""
+        with self._lock:
+            return list(self._document.get("changes") or ())
+
+    def scan(self, view: int) -> tuple[str, Scan]:
+        """The id and the scan of a view. HttpProblem 404."""
+        with self._lock:
+            scans = documents.present_scans(self._document)
+        if view >= len(scans):
+            raise no_view(self, view, len(scans))
+        return scans[view], self._store.load_scan(scans[view])
+
+    @property
+    def truth_known(self) -> bool:
+        """Whether it was made with a truth."""
+        return self._document.get("truth") is not None
 
     # The thread
 

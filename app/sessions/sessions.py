@@ -1,4 +1,7 @@
-"""Which sessions are there? Makes them, finds them, takes them up after a restart, and lets a bounded number run."""
+"""Which sessions are there? Makes them, finds them, takes them up after a restart, and lets a bounded number run.
+
+An uploaded recording is found under its id as a session is, to be read; it is opened when it is first asked for.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,8 @@ from typing import Any
 from app.problems import HttpProblem
 from app.server_config import ServerConfig
 from app.sessions.document import Document, prepare
+from app.sessions.readable import Readable
+from app.sessions.recorded import Recorded
 from app.sessions.sample import NAME, sample_document
 from app.sessions.session import Session
 from app.sessions.slots import Slots
@@ -35,6 +40,8 @@ class Sessions:
         share_interpreter()
         self._lock = threading.Lock()
         self._sessions: dict[str, Session] = {}
+        self._opening = threading.Lock()
+        self._recorded: dict[str, Recorded] = {}
         self._coming = 0
         self._closed = False
 
@@ -74,15 +81,37 @@ class Sessions:
             with self._lock:
                 self._coming -= 1
 
-    def get(self, id: str) -> Session:
-        """A session. HttpProblem 404."""
+    def at_hand(self, id: str) -> Readable | None:
+        """What `get` gives, where that needs no reading; else None."""
+        return self._sessions.get(id) or self._recorded.get(id)
+
+    def get(self, id: str) -> Readable:
+        """A session, or an uploaded recording as one. HttpProblem 404."""
         with self._lock:
             session = self._sessions.get(id)
             count = len(self._sessions)
-        if session is None:
+        if session is not None:
+            return session
+        recorded = self._open(id)
+        if recorded is None:
             there = "there is 1 session" if count == 1 else f"there are {count} sessions"
             raise HttpProblem(404, f"session '{id:.40}' is not here; {there}")
-        return session
+        return recorded
+
+    def session(self, id: str) -> Session:
+        """A session that can be told what to do. HttpProblem 404, and 409 for a recording."""
+        found = self.get(id)
+        if isinstance(found, Recorded):
+            raise found.cannot_iterate()
+        assert isinstance(found, Session)
+        return found
+
+    def forget_recording(self, id: str) -> None:
+        """An uploaded recording is no longer there: end its event streams."""
+        with self._opening:
+            recorded = self._recorded.pop(id, None)
+        if recorded is not None:
+            recorded.close()
 
     def list(self) -> list[dict[str, Any]]:
         """What REST shows of each session, oldest first."""
@@ -91,8 +120,8 @@ class Sessions:
         return [session.status() for session in sessions]
 
     def delete(self, id: str) -> None:
-        """Stop and forget a session, with its recording. HttpProblem 404."""
-        session = self.get(id)
+        """Stop and forget a session, with its recording. HttpProblem 404, and 409 for an uploaded recording."""
+        session = self.session(id)
         session.close()
         with self._lock:
             if self._sessions.pop(id, None) is None:
@@ -104,6 +133,9 @@ class Sessions:
         with self._lock:
             self._closed = True
             sessions = [*self._sessions.values()]
+        with self._opening:
+            for recorded in self._recorded.values():
+                recorded.close()
         threads = [threading.Thread(target=session.close) for session in sessions]
         for thread in threads:
             thread.start()
@@ -115,15 +147,36 @@ class Sessions:
         with self._lock:
             found = next((session for session in self._sessions.values() if session.status()["name"] == NAME), None)
         if found is None:
-            document = sample_document(self._store, self._config)
-            if document is None:
-                _log.warning("the sample data is not there: no sample session is opened")
+            try:
+                found = self.sample("open")
+            except HttpProblem as problem:
+                _log.warning("no sample session is opened: %s", problem.detail)
                 return None
-            found = self.create(document)
         status = found.status()
         if status["state"] == "paused" and not status["converged"]:
             found.run(until="converged")
         return found
+
+    def sample(self, scene: str) -> Session:
+        """A new session at iteration 0 that looks at a scene of `sample.SAMPLES`. HttpProblem 404 without the data."""
+        document = sample_document(self._store, self._config, scene)
+        if document is None:
+            raise HttpProblem(
+                404, "the sample data is not here: it lies beside the program's source and is not installed"
+            )
+        return self.create(document)
+
+    def _open(self, id: str) -> Recorded | None:
+        """The recording of that id, opened where it is not yet; None where it is not in the store."""
+        with self._opening:
+            found = self._recorded.get(id)
+            if found is None and not self._closed:
+                try:
+                    found = Recorded(id, self._store.recording_path(id), self._store.recording(id))
+                except HttpProblem:
+                    return None
+                self._recorded[id] = found
+            return found
 
     def _create(self, document: Document) -> Session:
         problem, inputs = prepare(self._store, document)

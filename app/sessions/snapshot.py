@@ -19,6 +19,7 @@ class Snapshot:
     problem : what it was made with
     result : the members of result.json, result_text : the same as JSON
     row : the trace's entry, row_text : the same as JSON
+    truth : as `truth_file.truth_of` gives it, or None
     """
 
     problem: Problem
@@ -27,6 +28,7 @@ class Snapshot:
     result_text: bytes
     row: Row
     row_text: bytes
+    truth: dict[str, Any] | None = None
 
     @property
     def iteration(self) -> int:
@@ -80,4 +82,4 @@ def snapshot(
         "certain": result["certain"],
         "notes": list(report.notes),
     }
-    return Snapshot(problem, report, result, json_bytes(result), row, json_bytes(row))
+    return Snapshot(problem, report, result, json_bytes(result), row, json_bytes(row), truth)

@@ -80,8 +80,9 @@ def _reader(kind: str) -> Callable[[Job], Summary]:
         return lambda job: _scan(job, load_scan, write_scan)
     if kind == "recordings":
         from pmpnbp.recording import Recording
+        from pmpnbp.recording.reopening import last_shown
 
-        return lambda job: _recording(job, Recording)
+        return lambda job: _recording(job, Recording, last_shown)
     raise SystemExit(f"no such kind: {kind}")
 
 
@@ -123,22 +124,22 @@ def _scan(job: Job, load_scan: Callable[..., Any], write_scan: Callable[..., Non
     }  # fmt: skip
 
 
-def _recording(job: Job, open_recording: Callable[[Path], Any]) -> Summary:
+def _recording(job: Job, open_recording: Callable[[Path], Any], last_shown: Callable[[Any], int | None]) -> Summary:
     path = Path(job["path"])
     _check_tables(path)
     with open_recording(path) as recording:
         inputs = recording.inputs()
-        iterations = recording.iterations()
-        if not iterations:
+        # what comes behind some damage is not looked for: as far as it is whole it can be shown
+        last = last_shown(recording)
+        if last is None:
             raise RecordingError(f"recording '{path.name}' has no iteration that can be read")
+        iterations = [number for number in recording.iterations() if number <= last]
         # whoever looks at it later makes its problems in the server's own process: that has to go well here first
-        problem = recording.problem()
-        for change in recording.changes():
+        problem = recording.problem(last)
+        for change in recording.changes(last):
             recording.problem(change.after_iteration)
-        recording.summaries()
-        for number in {iterations[0], iterations[-1]}:
-            recording.report(number)
-            recording.state(number)
+        with suppress(RecordingError):
+            recording.summaries()
         return {
             "model": str(inputs["model"]),
             "method": str(inputs["method"]),
@@ -149,14 +150,26 @@ def _recording(job: Job, open_recording: Callable[[Path], Any]) -> Summary:
             "iterations": len(iterations),
             "first_iteration": iterations[0],
             "last_iteration": iterations[-1],
-            "notes": recording.notes(),
+            "notes": _notes(recording, last),
         }
+
+
+def _notes(recording: Any, last: int) -> list[str]:
+    """What the writer had to say, and whether something is missing behind iteration `last`."""
+    found: list[str] = []
+    newest = None
+    with suppress(RecordingError):
+        newest = recording.newest()
+        found = recording.notes()
+    return found if newest == last else [*found, f"what comes after iteration {last} is damaged and is left out"]
 
 
 def _check_tables(path: Path) -> None:
     """Only plain tables: a view, a trigger or a computed column would run the sender's queries whenever it is read."""
     connection = sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1", uri=True)
     try:
+        # else a file that was cut short is refused as a whole; opened read-only, nothing can be harmed
+        connection.execute("PRAGMA writable_schema = ON")
         rows = connection.execute("SELECT type, name, sql FROM sqlite_master").fetchall()
     except sqlite3.DatabaseError:
         raise RecordingError(f"'{path.name}' is not a recording, or its beginning is damaged") from None

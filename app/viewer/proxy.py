@@ -21,7 +21,10 @@ from websockets.typing import Subprotocol
 
 from app.problems import HttpProblem, problem_response
 from app.security import VIEW_POLICY
-from app.viewer.views import CLIENT_PAGE, SECRET_HEADER, View, new_view_id
+from app.viewer.client_page import CLIENT_PAGE, scene_only
+from app.viewer.view import View
+from app.viewer.views import new_view_id
+from app.viewer.viser_server import SECRET_HEADER
 
 router = APIRouter(include_in_schema=False)
 
@@ -67,17 +70,14 @@ async def connect_again(websocket: WebSocket, session_id: str, view_id: str) -> 
 def _page(request: Request, session_id: str, script: str) -> HTMLResponse:
     session = request.app.state.sessions.get(session_id)
     del session  # only that it exists is asked
-    text = CLIENT_PAGE.read_text(encoding="utf-8")
-    start = text.index("<head>") + len("<head>")
     headers = {"Content-Security-Policy": VIEW_POLICY, "Cache-Control": "no-store"}
-    return HTMLResponse(text[:start] + script + text[start:], headers=headers)
+    return HTMLResponse(scene_only(CLIENT_PAGE.read_text(encoding="utf-8"), script), headers=headers)
 
 
 async def _connect(websocket: WebSocket, session_id: str, view_id: str) -> None:
     state = websocket.app.state
     try:
-        await anyio.to_thread.run_sync(state.sessions.get, session_id)
-        view: View = await anyio.to_thread.run_sync(state.views.join, session_id, view_id)
+        view: View = await anyio.to_thread.run_sync(state.views.join, session_id, view_id, state.sessions.get)
     except HttpProblem as problem:
         await problem_response(problem)(websocket.scope, websocket.receive, websocket.send)
         return

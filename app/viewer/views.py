@@ -1,56 +1,25 @@
-"""Which 3D views are open? One viser server per view, that is per tab that looks at a session.
+"""Which 3D views are open? One view, with a viser server of its own, per tab that looks at a session.
 
-Each listens on the loopback interface, on a port of its own, and lets in only who knows its secret: this process, which
-passes a browser's websocket on after its own checks. A view outlives its last client for a while, so that a page that
-is loaded again finds its view as it was.
+A view outlives its last client for a while, so that a page that is loaded again finds its view as it was. One that
+nobody keeps makes room where there are too many.
 """
 
 from __future__ import annotations
 
-import hmac
 import re
 import secrets
 import threading
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from http import HTTPStatus
-from pathlib import Path
-from typing import Any, cast
-
-import rich
-import viser
-import websockets.asyncio.server
-from viser import _messages as viser_messages
-from websockets.asyncio.server import ServerConnection
-from websockets.http11 import Request, Response
 
 from app.problems import HttpProblem
+from app.sessions.readable import Readable
+from app.viewer.gizmos import default_prior, default_region
+from app.viewer.painter import Painter
+from app.viewer.view import Find, View
 
-LOOPBACK = "127.0.0.1"
-SECRET_HEADER = "X-Pmpnbp-View"
 LINGER_SECONDS = 60.0
-CLIENT_PAGE = Path(viser.__file__).parent / "client" / "build" / "index.html"
 
 _VIEW_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
-# viser hands `serve` to no caller: it is replaced while a view's server starts, one at a time.
-_starting = threading.Lock()
-
-
-@dataclass
-class View:
-    """An open view of a session."""
-
-    session_id: str
-    view_id: str
-    server: viser.ViserServer
-    secret: str
-    clients: int = 0
-    last_left: threading.Timer | None = field(default=None, repr=False)
-
-    @property
-    def url(self) -> str:
-        """Where its websocket is; for this process only."""
-        return f"ws://{LOOPBACK}:{self.server.get_port()}"
+_Key = tuple[str, str]
 
 
 class Views:
@@ -59,67 +28,108 @@ class Views:
     def __init__(self, limit: int = 200, linger_seconds: float = LINGER_SECONDS) -> None:
         self._limit = limit
         self._linger = linger_seconds
-        self._views: dict[tuple[str, str], View] = {}
+        self._views: dict[_Key, View] = {}
+        self._painters: dict[_Key, Painter] = {}
         self._lock = threading.Lock()
         self._closed = False
 
     def __len__(self) -> int:
         return len(self._views)
 
-    def join(self, session_id: str, view_id: str) -> View:
-        """The view, opened where it is not, with one client more. Raises HttpProblem: no more views, or no such id."""
+    def keep(self, session_id: str, view_id: str, find: Find | None = None) -> View:
+        """The view, opened where it is not, which stays open until `release`. Raises HttpProblem: no more views, or no
+        such id; and where the session is not here. find : a session by its id; without it nothing is drawn."""
         if not _VIEW_ID.fullmatch(view_id):
             raise HttpProblem(404, f"view {view_id!r} cannot be; a view's name has up to 64 letters, digits, - and _")
+        source = None if find is None else find(session_id)
         with self._lock:
             if self._closed:
                 raise HttpProblem(503, "the server stops")
             view = self._views.get((session_id, view_id))
+            gone = None
             if view is None:
-                if len(self._views) >= self._limit:
-                    detail = f"{self._limit} views are open, which is all this server takes"
-                    raise HttpProblem(429, detail, headers={"Retry-After": "60"})
-                view = _open(session_id, view_id)
+                gone = self._make_room()
+                view = View(session_id, view_id, source)
+                view.change(_own_handles(source))
                 self._views[session_id, view_id] = view
-            view.clients += 1
+                if source is not None and find is not None:
+                    self._painters[session_id, view_id] = Painter(view, source, find)
+            view.keepers += 1
             if view.last_left is not None:
                 view.last_left.cancel()
                 view.last_left = None
-            return view
+        if gone is not None:
+            self._end(*gone)
+        return view
 
-    def leave(self, view: View) -> None:
-        """One client less; the view closes a while after the last."""
+    def release(self, view: View) -> None:
+        """What `keep` gave; the view closes a while after the last."""
         with self._lock:
-            view.clients -= 1
-            if view.clients == 0 and not self._closed:
+            view.keepers -= 1
+            if view.keepers == 0 and not self._closed:
                 view.last_left = threading.Timer(self._linger, self._drop, (view,))
                 view.last_left.daemon = True
                 view.last_left.start()
 
+    def join(self, session_id: str, view_id: str, find: Find | None = None) -> View:
+        """As `keep`, for a browser that shows the scene."""
+        view = self.keep(session_id, view_id, find)
+        with self._lock:
+            view.clients += 1
+        view.tell("clients")
+        return view
+
+    def leave(self, view: View) -> None:
+        """One client less."""
+        with self._lock:
+            view.clients -= 1
+        view.tell("clients")
+        self.release(view)
+
+    def painter(self, view: View) -> Painter | None:
+        """Who draws the view."""
+        return self._painters.get((view.session_id, view.view_id))
+
     def close_session(self, session_id: str) -> None:
         """Close every view of a session, as when it is deleted."""
         with self._lock:
-            gone = [self._views.pop(key) for key in list(self._views) if key[0] == session_id]
-        for view in gone:
-            view.server.stop()
+            gone = [self._take(key) for key in list(self._views) if key[0] == session_id]
+        for view, painter in gone:
+            self._end(view, painter)
 
     def close(self) -> None:
         """Close all."""
         with self._lock:
             self._closed = True
-            gone = list(self._views.values())
-            self._views.clear()
-        for view in gone:
-            if view.last_left is not None:
-                view.last_left.cancel()
-            view.server.stop()
+            gone = [self._take(key) for key in list(self._views)]
+        for view, painter in gone:
+            self._end(view, painter)
+
+    def _take(self, key: _Key) -> tuple[View, Painter | None]:
+        return self._views.pop(key), self._painters.pop(key, None)
+
+    def _make_room(self) -> tuple[View, Painter | None] | None:
+        """A view that nobody keeps and that has to go, where there are too many."""
+        if len(self._views) < self._limit:
+            return None
+        idle = next((key for key, view in self._views.items() if view.keepers == 0), None)
+        if idle is None:
+            detail = f"{self._limit} views are open, which is all this server takes"
+            raise HttpProblem(429, detail, headers={"Retry-After": "60"})
+        return self._take(idle)
 
     def _drop(self, view: View) -> None:
         with self._lock:
             key = (view.session_id, view.view_id)
-            if view.clients > 0 or self._views.get(key) is not view:
+            if view.keepers > 0 or self._views.get(key) is not view:
                 return
-            del self._views[key]
-        view.server.stop()
+            gone = self._take(key)
+        self._end(*gone)
+
+    def _end(self, view: View, painter: Painter | None) -> None:
+        view.close()
+        if painter is not None:
+            painter.close()
 
 
 def new_view_id() -> str:
@@ -127,38 +137,23 @@ def new_view_id() -> str:
     return secrets.token_hex(8)
 
 
-def _open(session_id: str, view_id: str) -> View:
-    """A server on a free loopback port with an empty scene: axes and a ground grid, world frame, metres."""
-    secret = secrets.token_hex(32)
-    # viser prints a banner, and who comes and goes, to standard output, which is for our own one line
-    rich.get_console().quiet = True
-    with _starting:
-        original = websockets.asyncio.server.serve
-        cast(Any, websockets.asyncio.server).serve = _guarded(original, secret)
-        try:
-            server = viser.ViserServer(host=LOOPBACK, port=0, verbose=False)
-        finally:
-            cast(Any, websockets.asyncio.server).serve = original
-    # Any client could ask for a public address for the scene: nobody is to be asked outside this machine
-    connection = server._websock_server
-    for message in (viser_messages.ShareUrlRequest, viser_messages.ShareUrlDisconnect):
-        connection.unregister_handler(message)
-    server.gui.configure_theme(show_share_button=False, show_logo=False)
-    server.scene.world_axes.visible = True
-    return View(session_id, view_id, server, secret)
+def _own_handles(source: Readable | None) -> dict[str, object]:
+    """The session's own region and gaussian prior, for a new view."""
+    status = {} if source is None else source.status()
+    prior = status.get("prior")
+    gaussian = isinstance(prior, dict) and prior.get("kind") == "gaussian"
+    return {"region": status.get("roi"), "prior": prior if gaussian else None}
 
 
-def _guarded(serve: Callable[..., Any], secret: str) -> Callable[..., Any]:
-    """`serve` for connections that carry the secret; its own checks, and serving of files, are left out."""
-
-    def check(connection: ServerConnection, request: Request) -> Response | None:
-        given = request.headers.get_all(SECRET_HEADER)
-        if len(given) == 1 and hmac.compare_digest(given[0].encode("utf-8", "surrogateescape"), secret.encode()):
-            return None
-        return connection.respond(HTTPStatus.FORBIDDEN, "this port is for the server's own use\n")
-
-    def guarded(*arguments: Any, **options: Any) -> Any:
-        options |= {"process_request": check, "ping_interval": None}
-        return serve(*arguments, **options)
-
-    return guarded
+def with_handles(view: View, source: Readable) -> None:
+    """Give region and prior of the view's state something to drag, where they are shown and say nothing yet. Raises
+    HttpProblem where the session has no iteration."""
+    state = view.state
+    change: dict[str, object] = {}
+    if state.show.region and state.region is None:
+        change["region"] = default_region(source.read().problem.observation)
+    if state.show.prior and state.prior is None:
+        made = source.read()
+        change["prior"] = default_prior(made.problem.mrf.model, made.result["links"])
+    if change:
+        view.change(change)

@@ -112,6 +112,12 @@ def render(
     return depth, number
 
 
+def render_part(camera: Camera, surfaces: Surfaces, part: int, pose_world_part: Array) -> NDArray[np.float32]:
+    """Depth (h, w), metres, 0 where nothing is, of one part alone at a pose (7,), as `camera` sees it."""
+    pose = _checked(pose_world_part, (7,))
+    return rasteriser.part_depth(part, pose, _view(camera), surfaces.mesh)
+
+
 def visible_fractions(observation: Observation, surfaces: Surfaces, poses_world_part: Array, tolerance: float) -> Array:
     """Fractions (N,), 0 to 1: of the pixels that each part would cover alone, those in which it is in front of all
     other parts and the observation is not more than `tolerance` metres in front of it; the largest over the views.
@@ -124,7 +130,7 @@ def visible_fractions(observation: Observation, surfaces: Surfaces, poses_world_
         depth, number = render(view.camera, surfaces, pose)
         hidden = (view.depth > 0) & (view.depth < depth - tolerance)
         for node in range(len(pose)):
-            alone = rasteriser.part_depth(node, pose[node], _view(view.camera), surfaces.mesh)
+            alone = render_part(view.camera, surfaces, node, pose[node])
             covered = np.count_nonzero(alone)
             if covered:
                 seen = np.count_nonzero((number == node) & ~hidden)

@@ -91,13 +91,19 @@ def joint_stds(rng: np.random.Generator, model: ArticulatedObject, belief: Belie
     return np.where(np.isfinite(found), found, (model.upper - model.lower) / np.sqrt(12.0))
 
 
-def _edge_spread(rng: np.random.Generator, edge: Edge, belief: Belief, estimate: Array) -> Array:
+def joint_draws(rng: np.random.Generator, edge: Edge, belief: Belief) -> Array:
+    """(T, K), at most 400 of equal weight: axis positions of an edge at pairs of particles of the two parts that it
+    connects, each drawn from its own belief, independently of the other."""
     ends = [edge.parent, edge.child]
     count = min(belief.log_weights.shape[1], 400)
     taken = rng.permuted(lw.systematic(rng, belief.log_weights[ends], count), axis=1)
     parent, child = (belief.poses[end, rows] for end, rows in zip(ends, taken, strict=True))
     axes, _, _ = project(edge, poses.multiply(poses.inverse(parent), child))
-    return np.sqrt(np.mean(_around(axes - estimate, edge.wraps) ** 2, axis=0))
+    return axes
+
+
+def _edge_spread(rng: np.random.Generator, edge: Edge, belief: Belief, estimate: Array) -> Array:
+    return np.sqrt(np.mean(_around(joint_draws(rng, edge, belief) - estimate, edge.wraps) ** 2, axis=0))
 
 
 def _around(difference: Array, wraps: NDArray[np.bool_]) -> Array:

@@ -43,8 +43,11 @@ def changes(connection: sqlite3.Connection, iteration: int | None = None) -> lis
     """The changes that iteration `iteration` was made with, in order; without it all there are."""
     if connection.execute("PRAGMA user_version").fetchone()[0] < VERSION:
         return []  # format 1 knew none
-    rows = connection.execute("SELECT after_iteration, settings, scan, note FROM changes ORDER BY number").fetchall()
-    there = scans(connection) if any(number is not None for _, _, number, _ in rows) else ()
+    query = "SELECT after_iteration, settings, scan, note FROM changes ORDER BY number"
+    rows = [row for row in connection.execute(query) if iteration is None or row[0] < iteration]
+    numbers = [number for _, _, number, _ in rows if number is not None]
+    # not more than these: further ones may be damaged
+    there = scans(connection, max(numbers) + 1) if numbers else ()
     return [
         Change(
             after,
@@ -53,12 +56,18 @@ def changes(connection: sqlite3.Connection, iteration: int | None = None) -> lis
             note,
         )
         for after, settings, number, note in rows
-        if iteration is None or after < iteration
     ]
+
+
+def changed_after(connection: sqlite3.Connection) -> list[int]:
+    """The iteration that each change came after, in order."""
+    if connection.execute("PRAGMA user_version").fetchone()[0] < VERSION:
+        return []
+    return [int(after) for (after,) in connection.execute("SELECT after_iteration FROM changes ORDER BY number")]
 
 
 def first_scans(connection: sqlite3.Connection) -> tuple[Scan, ...]:
     """The scans that the inference began with."""
-    added = [change for change in changes(connection) if change.scan is not None]
-    there = scans(connection)
-    return there[: len(there) - len(added)]
+    if connection.execute("PRAGMA user_version").fetchone()[0] < VERSION:
+        return scans(connection)
+    return scans(connection, connection.execute("SELECT min(scan) FROM changes").fetchone()[0])

@@ -18,7 +18,7 @@ from pmpnbp.inference.belief import NEIGHBOUR, SOURCES, IterationReport, State
 from pmpnbp.inference.problem import Problem
 from pmpnbp.recording import inputs as inputs_module
 from pmpnbp.recording.arrays import Arrays, incoming_messages, to_report, to_state
-from pmpnbp.recording.changes import Change, changes
+from pmpnbp.recording.changes import Change, changed_after, changes
 from pmpnbp.recording.inputs import Inputs
 from pmpnbp.recording.schema import APPLICATION_ID, VERSION, unpack
 from pmpnbp.settings import Settings, changed, preset
@@ -46,7 +46,7 @@ class Recording:
                 raise RecordingError(
                     f"recording '{self._path.name}' has format {version}; this version reads up to {VERSION}"
                 )
-            self.parts: tuple[str, ...] = tuple(part["name"] for part in self._input("parts"))
+            self.parts: tuple[str, ...] = self._parts()
         except BaseException:
             self._connection.close()
             raise
@@ -87,6 +87,13 @@ class Recording:
         except _DAMAGE:
             raise self._damaged("its changes") from None
 
+    def changed_after(self) -> list[int]:
+        """The iterations that the changes came after, in order; also where what was changed is damaged."""
+        try:
+            return changed_after(self._connection)
+        except _DAMAGE:
+            raise self._damaged("its changes") from None
+
     def settings(self, iteration: int | None = None) -> Settings:
         """The settings that an iteration was made with, or else the next one will be."""
         found = [change.settings for change in self.changes(iteration) if change.settings is not None]
@@ -112,6 +119,14 @@ class Recording:
         except _DAMAGE:  # cut off: what came before is whole
             pass
         return [number for number in found if self._whole(number)]
+
+    def seconds(self, iteration: int) -> float:
+        """Wall time of all iterations up to this one, without what came between them."""
+        query = "SELECT coalesce(sum(seconds), 0) FROM iterations WHERE number <= ?"
+        try:
+            return float(self._connection.execute(query, (iteration,)).fetchone()[0])
+        except _DAMAGE:
+            raise self._damaged("its list of iterations") from None
 
     def notes(self) -> list[str]:
         """What the writer had to say, such as that it thinned out iterations."""
@@ -167,8 +182,9 @@ class Recording:
         except _DAMAGE:
             raise self._damaged(f"iteration {iteration}") from None
 
-    def why(self, iteration: int, part: int | str, particle: int) -> dict[str, Any]:
-        """Why a particle weighs what it does, and where it comes from.
+    def why(self, iteration: int, part: int | str, particle: int, problem: Problem | None = None) -> dict[str, Any]:
+        """Why a particle weighs what it does, and where it comes from; `problem` is `problem(iteration)`, where the
+        caller has it.
 
         log_weight = temperature * log_unary + log_prior + the sum of the messages' log_share + a constant of the part,
         which `log_constant` is. Each of `messages` has its sender as `from`, its two factors there, `log_unary` and
@@ -201,7 +217,7 @@ class Recording:
                         "joint_draw": messages.joint_draw[message, row].tolist(),
                     }
                 )
-        prior = self._log_prior(node, report, particle)
+        prior = self._log_prior(node, report, particle, problem)
         log_weight = float(belief.log_weights[node, particle])
         tempered = float(report.temperature[node] * belief.log_unary[node, particle])
         return {
@@ -224,11 +240,11 @@ class Recording:
             "island": int(belief.island[node, particle]),
         }
 
-    def _log_prior(self, node: int, report: IterationReport, particle: int) -> float:
+    def _log_prior(self, node: int, report: IterationReport, particle: int, known: Problem | None) -> float:
         prior, settings = self._input("prior"), self.settings(report.iteration)
         if prior["kind"] != "gaussian" or not settings.prior_factor or report.iteration == 0:
             return 0.0
-        problem = self.problem(report.iteration)
+        problem = known or self.problem(report.iteration)
         if node != problem.prior_node:
             return 0.0
         return float(problem.log_prior(report.belief.poses[node, particle]))
@@ -239,6 +255,12 @@ class Recording:
         if isinstance(part, int) and 0 <= part < len(self.parts):
             return part
         raise RecordingError(f"part {part!r} is not in the recording; it has {', '.join(self.parts)}")
+
+    def _parts(self) -> tuple[str, ...]:
+        try:
+            return tuple(str(part["name"]) for part in self._input("parts"))
+        except _DAMAGE:  # JSON, but not a list of parts
+            raise self._damaged("its inputs") from None
 
     def _open(self) -> sqlite3.Connection:
         if not self._path.is_file():

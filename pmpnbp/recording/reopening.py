@@ -52,6 +52,20 @@ def last_whole(recording: Recording) -> int | None:
     return None
 
 
+def last_shown(recording: Recording) -> int | None:
+    """The newest iteration that can be read, with the settings and scans it was made with; None where there is none.
+    For who only reads, and leaves the file as it is."""
+    last = last_whole(recording)
+    if last is None:
+        return None
+    for after in reversed(recording.changed_after()):
+        with contextlib.suppress(RecordingError):
+            recording.changes(last)
+            break
+        last = min(last, after)  # a scan that came then is lost
+    return last
+
+
 def replace_recording(new: Path, path: Path) -> None:
     """Put the finished recording `new` in the place of the one at `path`, which nobody may be writing to."""
     # first: SQLite would take the old file's log for the new one's

@@ -24,10 +24,11 @@ def store_scan(connection: sqlite3.Connection, scan: Scan) -> int:
     return number
 
 
-def scans(connection: sqlite3.Connection) -> tuple[Scan, ...]:
-    """All scans as they were read, in the order of their numbers."""
+def scans(connection: sqlite3.Connection, count: int | None = None) -> tuple[Scan, ...]:
+    """The first `count` scans as they were read, or all, in the order of their numbers."""
     found = []
-    rows = connection.execute("SELECT camera, frame_id, stamp, dtype, shape, depth FROM scans ORDER BY number")
+    query = "SELECT camera, frame_id, stamp, dtype, shape, depth FROM scans ORDER BY number LIMIT ?"
+    rows = connection.execute(query, (-1 if count is None else count,))
     for camera, frame_id, stamp, dtype, shape, data in rows:
         members = json.loads(camera)
         depth = unpack(dtype, shape, data).astype(np.float32, copy=False)

@@ -233,6 +233,17 @@ class ArticulatedObject:
         n is 1, or 3 for planar and 6 for floating joints."""
         return {joint.name: joint.positions(joint_positions) for joint in self.joints if joint.kind != "fixed"}
 
+    def edge_joints(self, edge: Edge) -> tuple[Joint, ...]:
+        """The moving joints that an edge is made of, from parent to child: its axes are theirs, one after the other."""
+        above = {joint.child: joint for joint in self.joints}
+        links = self.parts[edge.parent].links
+        joint = above[self.parts[edge.child].links[0]]
+        chain = [joint]
+        while joint.parent not in links:
+            joint = above[joint.parent]
+            chain.append(joint)
+        return tuple(joint for joint in reversed(chain) if joint.kind != "fixed")
+
     def _above_first_part(self) -> set[str]:
         """The first part's own first link, and all links that lead to it from the root."""
         parent = {joint.child: joint.parent for joint in self.joints}

@@ -29,7 +29,7 @@ from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.urdf import load_model
 
 if TYPE_CHECKING:
-    from tests.app.conftest import Served
+    from tests.servers import Served
 
 URDF = """
 <robot name="chest">

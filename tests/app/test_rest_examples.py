@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 if TYPE_CHECKING:
-    from tests.app.conftest import Served
+    from tests.servers import Served
 
 ADDRESS = "http://127.0.0.1:8080"
 

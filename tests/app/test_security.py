@@ -147,7 +147,7 @@ def test_a_request_without_a_host_is_answered(served: Any) -> None:
         assert connection.makefile("rb").readline().split()[1] == b"403"
 
 
-@pytest.mark.parametrize("path", ["/", "/docs", "/static/page.js", "/api/v1/settings", "/nowhere", "/healthz"])
+@pytest.mark.parametrize("path", ["/", "/docs", "/static/start/main.js", "/api/v1/settings", "/nowhere", "/healthz"])
 def test_every_answer_keeps_browsers_strict(served: Any, path: str) -> None:
     headers = served.client.get(path).headers
     assert "default-src 'none'" in headers["content-security-policy"]

@@ -160,11 +160,21 @@ def page(serve_for_module: Callable[..., Any]) -> Iterator[httpx.Client]:
 
 def test_the_pages_files_are_served_and_no_others(page: httpx.Client) -> None:
     text = page.get("/").text
-    for path in STATIC.iterdir():
-        answer = page.get(f"/static/{path.name}")
+    for path in (found for found in STATIC.rglob("*") if found.is_file()):
+        answer = page.get(f"/static/{path.relative_to(STATIC).as_posix()}")
         assert answer.content == path.read_bytes()
         assert answer.headers["content-type"] == MEDIA_TYPES[path.suffix]
-    for name in ("nothing.js", "..%2fpyproject.toml", "%2e%2e%2fREADME.md", ".", "%00"):
+    for name in (
+        "nothing.js",
+        "..%2fpyproject.toml",
+        "%2e%2e%2fREADME.md",
+        ".",
+        "%00",
+        "start",
+        "start/",
+        "start/..%2findex.html",
+        "start/%2e%2e/%2e%2e/README.md",
+    ):
         assert page.get(f"/static/{name}").status_code == 404
     assert "/static/style.css" in text and "://" not in text
     assert page.get("/favicon.ico").headers["content-type"] == "image/svg+xml"

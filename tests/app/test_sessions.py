@@ -54,7 +54,7 @@ def problem(answer: httpx.Response, status: int, text: str) -> None:
 def test_a_session_begins_paused_at_the_start(client: httpx.Client, path: str, model_id: str, scan_id: str) -> None:
     found = client.get(path).json()
     id = path.rpartition("/")[2]
-    assert found["view_url"] == f"/sessions/{id}/view/"
+    assert found["view_url"] == f"/sessions/{id}/"
     assert (found["state"], found["iteration"], found["iterations"], found["error"]) == ("paused", 0, 100, None)
     assert (found["model_id"], found["scan_ids"], found["config"]) == (model_id, [scan_id], small.QUICK)
     assert (found["seed"], found["particles"], found["method"], found["roi"]) == (11, 40, "pmpnbp", small.REGION)

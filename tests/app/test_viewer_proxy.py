@@ -18,7 +18,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from app.problems import HttpProblem
 from app.security import COOKIE, cookie_value
-from app.viewer.views import SECRET_HEADER, Views
+from app.viewer.views import Views
+from app.viewer.viser_server import SECRET_HEADER
 
 PROTOCOL = f"viser-v{viser.__version__}"
 SESSION = "0123456789abcdef"

@@ -1,0 +1,64 @@
+"""The Markov random field of a session: parts as nodes, joints as edges, and the colours that they have everywhere."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+from fastapi import APIRouter, Path, Request
+
+from app.palette import hexadecimal, part_colour, part_colour_on_dark
+from app.problems import responses
+from app.schemas_particles import Graph
+from app.sessions.sessions import Sessions
+from pmpnbp.scene.articulated_object import Joint
+
+router = APIRouter(prefix="/api/v1", tags=["results"])
+
+
+@router.get(
+    "/sessions/{session_id}/graph",
+    response_model=Graph,
+    operation_id="get_graph",
+    summary="Parts and joints as a graph",
+    description="The Markov random field: links that move as one are a part, a node; the joints between two parts are "
+    "an edge, along which two messages go.",
+    responses=responses(404, 409),
+)
+def get_graph(session_id: Annotated[str, Path(description="id of the session")], request: Request) -> Any:
+    """Nodes and edges."""
+    sessions: Sessions = request.app.state.sessions
+    session = sessions.get(session_id)
+    problem = session.snapshot.problem
+    model = problem.mrf.model
+    parts = [
+        {
+            "name": part.name,
+            "links": list(part.links),
+            "visible": part.visible,
+            "colour": hexadecimal(part_colour(number)),
+            "colour_dark": hexadecimal(part_colour_on_dark(number)),
+        }
+        for number, part in enumerate(model.parts)
+    ]
+    edges = [
+        {
+            "parent": model.parts[edge.parent].name,
+            "child": model.parts[edge.child].name,
+            "joints": [_joint(joint) for joint in model.edge_joints(edge)],
+        }
+        for edge in model.edges
+    ]
+    views = len(problem.observation.views)
+    return {
+        "session_id": session.id, "parts": parts, "edges": edges, "views": views, "truth": session.truth_known,
+    }  # fmt: skip
+
+
+def _joint(joint: Joint) -> dict[str, Any]:
+    revolute, _ = joint.elementary_axes()
+    if len(revolute) == 1:
+        return {"name": joint.name, "type": joint.kind, "lower": joint.lower, "upper": joint.upper}
+    # the limits of a planar or floating joint are those of its slides; its turns are free
+    lower, upper = np.where(revolute, -np.pi, joint.lower), np.where(revolute, np.pi, joint.upper)
+    return {"name": joint.name, "type": joint.kind, "lower": lower.tolist(), "upper": upper.tolist()}

@@ -1,0 +1,69 @@
+"""Sample sessions: which scenes there are, and one call that opens one."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from fastapi import APIRouter, Request, Response
+from pydantic import BaseModel, Field
+
+from app.problems import responses
+from app.schemas import Body, Session, answer
+from app.sessions.sample import SAMPLES, sample_data
+from app.sessions.sessions import Sessions
+
+router = APIRouter(prefix="/api/v1", tags=["sessions"])
+
+Scene = Literal["open", "self_occluded", "arm", "blanket", "closed", "door", "robot"]
+_LOCATION = {"Location": {"description": "path of the session", "schema": {"type": "string"}}}
+
+
+class SampleScene(BaseModel):
+    """A scene of the sample data, with known truth."""
+
+    scene: Scene = Field(description="what it is asked for by")
+    name: str = Field(description="what its session is called", examples=[SAMPLES[0].name])
+    about: str = Field(description="what is to be seen, one sentence")
+
+
+class SampleRequest(Body):
+    """Which sample."""
+
+    scene: Scene = Field(description="as GET /api/v1/samples lists them", examples=["open"])
+    run: bool = Field(True, description="whether to iterate at once, until the inference is at rest")
+
+
+@router.get(
+    "/samples",
+    response_model=list[SampleScene],
+    operation_id="list_samples",
+    summary="Scenes of the sample data",
+    description="Empty where the server was installed without the sample data.",
+)
+def list_samples() -> Any:
+    """Every scene that a sample session can look at."""
+    if sample_data() is None:
+        return []
+    return [{"scene": sample.scene, "name": sample.name, "about": sample.about} for sample in SAMPLES]
+
+
+@router.post(
+    "/sessions/sample",
+    status_code=201,
+    response_model=Session,
+    operation_id="create_sample_session",
+    summary="Open a sample session",
+    description="A new session with model, scan, region of interest and truth of a sample scene. Model and scan are "
+    "kept once, however many sessions look at them.",
+    responses=answer("Made, and safe on the disk.", status=201, headers=_LOCATION)
+    | responses(409, 507, status_404="The server was installed without the sample data."),
+)
+def create_sample_session(body: SampleRequest, request: Request, response: Response) -> Any:
+    """Make it and, where it was asked for, set it going."""
+    sessions: Sessions = request.app.state.sessions
+    session = sessions.sample(body.scene)
+    if body.run:
+        session.run(until="converged")
+    found = session.status()
+    response.headers["Location"] = f"/api/v1/sessions/{found['id']}"
+    return found

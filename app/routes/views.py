@@ -1,0 +1,182 @@
+"""3D views: what each shows, as a page sets it and as clicks in the scene change it, and the scene as a file."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Iterator
+from contextlib import contextmanager, suppress
+from typing import Annotated, Any
+
+import anyio.to_thread
+from fastapi import APIRouter, Path, Request, Response
+from fastapi.responses import HTMLResponse, StreamingResponse
+
+from app import view_schemas
+from app.json_text import json_bytes
+from app.problems import HttpProblem, responses
+from app.schemas import answer
+from app.security import VIEW_POLICY
+from app.sessions.readable import Readable
+from app.store.store import safe_name
+from app.viewer.view import View
+from app.viewer.view_state import ViewStateError
+from app.viewer.views import Views, with_handles
+from pmpnbp.scene.articulated_object import ArticulatedObject
+from pmpnbp.scene.prior import load_prior
+
+router = APIRouter(prefix="/api/v1", tags=["views"])
+
+SessionId = Annotated[str, Path(description="id of the session, or of an uploaded recording")]
+ViewId = Annotated[
+    str, Path(description="name of the view: up to 64 letters, digits, - and _; the 3D view of that name shows it")
+]
+# After so long without an event a comment tells that the connection is alive, seconds.
+KEEP_ALIVE = 15.0
+
+
+@router.get(
+    "/sessions/{session_id}/views/{view_id}",
+    response_model=view_schemas.ViewState,
+    operation_id="get_view",
+    summary="What a 3D view shows",
+    description="A view that is not there is made; one that nobody looks at goes after a minute.",
+    responses=responses(404),
+)
+def get_view(session_id: SessionId, view_id: ViewId, request: Request) -> Any:
+    """Its state."""
+    with _view(request, session_id, view_id) as view:
+        return view.answer()
+
+
+@router.patch(
+    "/sessions/{session_id}/views/{view_id}",
+    response_model=view_schemas.ViewState,
+    operation_id="change_view",
+    summary="Change what a 3D view shows",
+    description="Members that are not named stay. Another `part` forgets the `particle`.",
+    responses=responses(409, status_404="The session, or the one to compare it with, is not here."),
+)
+def change_view(session_id: SessionId, view_id: ViewId, body: view_schemas.ViewChange, request: Request) -> Any:
+    """Change it, where all of it is possible."""
+    change = view_schemas.given(body)
+    with _view(request, session_id, view_id) as view:
+        source = request.app.state.sessions.get(session_id)
+        _check(change, source, request)
+        view.change(change)
+        if "show" in change:
+            with_handles(view, source)
+        if "camera" in change:
+            painter = _views(request).painter(view)
+            if painter is not None:
+                painter.look(view.state.camera)
+        return view.answer()
+
+
+@router.get(
+    "/sessions/{session_id}/views/{view_id}/events",
+    response_class=StreamingResponse,
+    operation_id="get_view_events",
+    summary="What changes in a 3D view, as it changes",
+    description="Server-sent events. `view`: the whole state, first as it is, then after each change, those made in "
+    "the scene too: a click on a particle, a dragged handle, another place to look from. `drawn`: what was drawn, each "
+    "time.",
+    responses=answer("The stream.", content={"text/event-stream": {"schema": {"type": "string"}}}) | responses(404),
+)
+async def get_view_events(session_id: SessionId, view_id: ViewId, request: Request) -> StreamingResponse:
+    """The stream; it ends with the view."""
+    views = _views(request)
+    view = await anyio.to_thread.run_sync(views.keep, session_id, view_id, request.app.state.sessions.get)
+    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+    return StreamingResponse(_stream(views, view), media_type="text/event-stream", headers=headers)
+
+
+@router.get(
+    "/sessions/{session_id}/views/{view_id}/scene.html",
+    response_class=HTMLResponse,
+    operation_id="get_view_scene",
+    summary="The scene as a page that needs no server",
+    description="What the view shows now, to be kept or sent: it can be looked at from all sides, but does not change.",
+    responses=answer("The page.", content={"text/html": {"schema": {"type": "string"}}}) | responses(404, 409),
+)
+def get_view_scene(session_id: SessionId, view_id: ViewId, request: Request) -> Response:
+    """Draw, and write down what was drawn."""
+    with _view(request, session_id, view_id) as view:
+        painter = _views(request).painter(view)
+        if painter is None:
+            raise HttpProblem(404, f"view '{view_id}' is closed")
+        text = painter.html()
+        stem = safe_name(f"{session_id}-{0 if view.drawn is None else view.drawn.iteration}.html")
+    headers = {"Content-Security-Policy": VIEW_POLICY, "Content-Disposition": f'attachment; filename="{stem}"'}
+    return HTMLResponse(text, headers=headers)
+
+
+@contextmanager
+def _view(request: Request, session_id: str, view_id: str) -> Iterator[View]:
+    """A view, kept open while a call looks at it."""
+    views = _views(request)
+    view = views.keep(session_id, view_id, request.app.state.sessions.get)
+    try:
+        yield view
+    finally:
+        views.release(view)
+
+
+def _views(request: Request) -> Views:
+    views: Views = request.app.state.views
+    return views
+
+
+def _check(change: dict[str, Any], source: Readable, request: Request) -> None:
+    """Whether what is named is there: parts, the edge, the prior's link, the session to compare with."""
+    if change.get("compare") is not None:
+        request.app.state.sessions.get(change["compare"]["session_id"])
+    if not any(change.get(member) is not None for member in ("part", "edge", "prior")):
+        return
+    model = (source.present or source.read()).problem.mrf.model
+    if change.get("prior") is not None:
+        load_prior(change["prior"], model)
+    for name in [change.get("part"), *(change.get("edge") or ())]:
+        if name is not None and name not in [part.name for part in model.parts]:
+            raise ViewStateError(
+                f"part {name!r:.60} is not in the model; it has {', '.join(part.name for part in model.parts)}"
+            )
+    _check_edge(change.get("edge"), model)
+
+
+def _check_edge(edge: list[str] | None, model: ArticulatedObject) -> None:
+    pairs = [(model.parts[one.parent].name, model.parts[one.child].name) for one in model.edges]
+    if edge is not None and set(edge) not in [set(pair) for pair in pairs]:
+        known = ", ".join(f"{parent}-{child}" for parent, child in pairs)
+        raise ViewStateError(f"no joint connects {edge[0]!r:.60} and {edge[1]!r:.60}; there are {known or 'none'}")
+
+
+async def _stream(views: Views, view: View) -> AsyncIterator[bytes]:
+    told, loop = asyncio.Event(), asyncio.get_running_loop()
+    news: set[str] = {"view"}
+
+    def wake(what: str) -> None:
+        with suppress(RuntimeError):  # the loop has ended, and this stream with it
+            loop.call_soon_threadsafe(_note, what)
+
+    def _note(what: str) -> None:
+        news.add("view" if what == "clients" else what)
+        told.set()
+
+    end = view.listen(wake)
+    try:
+        yield b"retry: 1000\n\n"
+        while not view.closed:
+            told.clear()
+            fresh = sorted(news, reverse=True)
+            news.clear()
+            for what in fresh:
+                members = view.answer() if what == "view" else view.drawn_members()
+                yield b"event: %s\ndata: %s\n\n" % (what.encode(), json_bytes(members))
+            if not fresh:
+                try:
+                    await asyncio.wait_for(told.wait(), KEEP_ALIVE)
+                except TimeoutError:
+                    yield b": still here\n\n"
+    finally:
+        end()
+        views.release(view)

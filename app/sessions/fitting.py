@@ -1,0 +1,108 @@
+"""Does what a recording from elsewhere says of an iteration fit the recording's own model?
+
+Its bytes are as they were written, but who wrote them is not known: before anything is drawn or counted from arrays,
+their shapes and numbers are looked at, and a row of the trace is taken only where it is one.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from app.schemas import TraceRow
+from app.sessions.history import Row
+from pmpnbp.errors import RecordingError
+from pmpnbp.inference.belief import SOURCES, IterationReport
+from pmpnbp.inference.problem import Problem
+from pmpnbp.scene.articulated_object import ArticulatedObject
+
+# Metres; nothing that a sensor sees is further away.
+FARTHEST = 1e4
+
+
+def check_fits(problem: Problem, report: IterationReport) -> None:
+    """RecordingError where arrays of a report have other shapes or kinds than its problem makes, or a pose is none."""
+    if not _fits(problem, report):
+        raise RecordingError(f"iteration {report.iteration} does not fit the model of its recording")
+
+
+def row_of(text: str, model: ArticulatedObject) -> Row | None:
+    """The row of the trace that `text` is, where it is one, about this model; its event is that of `event_of`."""
+    try:
+        row = TraceRow.model_validate(json.loads(text)).model_dump()
+        json.dumps(row, allow_nan=False)
+    except (ValueError, ValidationError, RecursionError):
+        return None
+    spread = row["std_xyz"]
+    if not 0 <= row["iteration"] < 2**31 or any(len(axes) != 3 for axes in spread.values()):
+        return None
+    if set(spread) != set(model.links) or set(row["effective_sample_size"]) != {part.name for part in model.parts}:
+        return None
+    return {**row, "event": event_of(row["iteration"])}
+
+
+def event_of(iteration: int) -> int:
+    """The number that stands for the event of an iteration, of which a recording has one each."""
+    return iteration + 1
+
+
+def _fits(problem: Problem, report: IterationReport) -> bool:
+    nodes, dof = problem.mrf.nodes, problem.mrf.model.dof
+    belief, messages = report.belief, report.messages
+    if belief.log_weights.ndim != 2 or belief.log_weights.shape[1] < 1:
+        return False
+    count = belief.log_weights.shape[1]
+    each = nodes, count
+    told = [
+        _numbers(belief.poses, (*each, 7)),
+        _numbers(belief.log_weights, each) and bool(np.allclose(np.exp(belief.log_weights).sum(axis=1), 1, atol=1e-3)),
+        _numbers(belief.log_unary, each),
+        *(_whole(array, each) for array in (belief.ancestor, belief.source, belief.neighbour, belief.island)),
+        belief.joint_positions is None or _finite(belief.joint_positions, (count, dof)),
+        _numbers(report.log_message_shares, (*each, *report.log_message_shares.shape[2:3])),
+        *(_numbers(array, (nodes,)) for array in (report.temperature, report.effective_sample_size)),
+        _poses(report.mle, (nodes, 7)),
+        report.mle_joints is None or _finite(report.mle_joints, (dof,)),
+    ]
+    if not all(told):
+        return False
+    if not _poses(belief.poses, (*each, 7)) or not np.all(belief.source < len(SOURCES)):
+        return False
+    if not np.all(belief.neighbour < nodes):
+        return False
+    if messages is None:
+        return True
+    shares = max((len(incoming) for incoming in problem.mrf.incoming), default=0)
+    edges, samples = len(problem.mrf.sender), messages.log_weights.shape[-1] if messages.log_weights.ndim else 0
+    factors = messages.log_weights, messages.log_unary, messages.log_neighbour
+    return (
+        np.array_equal(messages.sender, problem.mrf.sender)
+        and np.array_equal(messages.receiver, problem.mrf.receiver)
+        and all(_numbers(array, (edges, samples)) for array in factors)
+        and _poses(messages.poses, (edges, samples, 7))
+        and _numbers(messages.joint_draw, (edges, samples, problem.mrf.axes_per_edge))
+        and report.log_message_shares.shape[2] == shares
+    )
+
+
+def _numbers(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
+    return array.shape == shape and array.dtype.kind == "f"
+
+
+def _whole(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
+    return array.shape == shape and array.dtype.kind in "iu"
+
+
+def _finite(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
+    return _numbers(array, shape) and bool(np.isfinite(array).all())
+
+
+def _poses(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
+    """Whether these are poses, with quaternions of about unit length."""
+    if not _finite(array, shape) or (array.size and np.abs(array).max() > FARTHEST):
+        return False
+    return bool(np.allclose(np.linalg.norm(array[..., 3:], axis=-1), 1, atol=1e-3))

@@ -1,0 +1,150 @@
+"""What does an uploaded recording show? The same as the session it came from, but for what would make it iterate.
+
+It knows no truth, for a recording keeps none, and takes the usual limit for what is certain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path, PurePath
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from app import estimation
+from app.json_text import without_nan
+from app.problems import HttpProblem
+from app.sessions.events import Events
+from app.sessions.fitting import event_of
+from app.sessions.past import Past
+from app.sessions.readable import Readable, no_view
+from app.sessions.recorded_history import RecordedHistory
+from pmpnbp.errors import PmpnbpError
+from pmpnbp.readout.estimate import pose_members
+from pmpnbp.recording import Change, Inputs, Recording
+from pmpnbp.scene.observation import Scan
+from pmpnbp.scene.prior import GaussianPrior, UniformPrior
+from pmpnbp.settings import Settings
+
+
+class Recorded(Readable):
+    """The recording at `path`, whose entry in the store is `document`."""
+
+    kind = "recording"
+
+    def __init__(self, id: str, path: Path, document: Mapping[str, Any]) -> None:
+        self._document = dict(document)
+        self._history = RecordedHistory(path, self._options)
+        past = Past(f"recording '{id}'", self._history, self._options, remedy="delete")
+        self._inputs: Inputs | None = None
+        self._changes: list[dict[str, Any]] = []
+        try:
+            past.recover()
+            with Recording(path) as recording, TemporaryDirectory(prefix="recording-") as folder:
+                changes = self._history.changes()
+                reached = max([past.iteration, *(change.after_iteration + 1 for change in changes)])
+                self._inputs = recording.restored_inputs(Path(folder), reached)
+                views = len(self._inputs.scans) - sum(change.scan is not None for change in changes)
+                self._changes = _told_changes(changes, recording.settings(0), views)
+        except (PmpnbpError, OSError, ValueError) as error:
+            past.damage = str(error)
+        first = event_of(past.iteration) + 1
+        super().__init__(id, Events(first, first), past)
+
+    @property
+    def state(self) -> str:
+        """It is what it is."""
+        return "recorded"
+
+    def status(self) -> dict[str, Any]:
+        """What REST shows of it."""
+        inputs = self._inputs
+        return {
+            "id": self.id,
+            "kind": self.kind,
+            "name": PurePath(str(self._document["file_name"])).stem,
+            "view_url": f"/sessions/{self.id}/",
+            **self.progress(),
+            "model_id": None,
+            "scan_ids": [],
+            "method": self._document["method"],
+            "particles": self._document["particles"],
+            "seed": self._document["seed"],
+            "roi": None if inputs is None or inputs.region is None else inputs.region.tolist(),
+            "prior": None if inputs is None else without_nan(_prior_members(inputs.prior)),
+            "config": {} if inputs is None else without_nan(asdict(inputs.settings)),
+            "max_std": estimation.MAX_STD,
+            "created": self._document["created"],
+        }
+
+    def progress(self) -> dict[str, Any]:
+        """Where it ends."""
+        row = self._past.row
+        return {
+            "state": self.state,
+            "iteration": row["iteration"],
+            "iterations": row["iteration"] or 0,
+            "until": "iterations",
+            "converged": row["converged"],
+            "certain": row["certain"],
+            "error": self._past.damage,
+            "position": None,
+        }
+
+    def changes(self) -> list[dict[str, Any]]:
+        """What was changed on the way; further scans have no ids here, but are named by their views."""
+        return list(self._changes)
+
+    def scan(self, view: int) -> tuple[str, Scan]:
+        """A view's scan, and a name that nothing else has. HttpProblem 404."""
+        self._past.check()
+        scans = () if self._inputs is None else self._inputs.scans
+        if view >= len(scans):
+            raise no_view(self, view, len(scans))
+        return f"{self.id}/{view}", scans[view]
+
+    @property
+    def truth_known(self) -> bool:
+        """Recordings keep none."""
+        return False
+
+    def close(self) -> None:
+        """End the event streams."""
+        self.events.close()
+
+    def cannot_iterate(self) -> HttpProblem:
+        """The 409 for whatever would change it."""
+        return HttpProblem(
+            409, f"'{self.id}' is a recording; it cannot iterate; create a session from its model and scans"
+        )
+
+    def _options(self) -> dict[str, Any]:
+        return {"method": str(self._document["method"]), "max_std": estimation.MAX_STD, "truth": None}
+
+
+def _told_changes(changes: Sequence[Change], began: Settings, views: int) -> list[dict[str, Any]]:
+    """The changes as a session has them: the settings that are others than before, or the view that came to the first
+    `views`."""
+    found: list[dict[str, Any]] = []
+    settings = asdict(began)
+    for change in changes:
+        if change.settings is not None:
+            new = asdict(change.settings)
+            config = {name: value for name, value in new.items() if value != settings[name]}
+            found.append({"after_iteration": change.after_iteration, "config": config})
+            settings = new
+        if change.scan is not None:
+            found.append({"after_iteration": change.after_iteration, "scan_id": f"view {views}"})
+            views += 1
+    return found
+
+
+def _prior_members(prior: UniformPrior | GaussianPrior) -> dict[str, Any]:
+    """The members of prior.json."""
+    if isinstance(prior, UniformPrior):
+        return {"kind": "uniform", "orientation": prior.orientation}
+    joints = {name: {"position": position, "std": std} for name, (position, std) in prior.joints.items()}
+    return {
+        "kind": "gaussian", "link": prior.link, "pose": pose_members(prior.pose_world_link),
+        "std_xyz": prior.std_xyz.tolist(), "std_rpy": prior.std_rpy.tolist(), "joints": joints,
+    }  # fmt: skip

@@ -1,0 +1,168 @@
+"""How does a scene frame get into viser? The one module that makes, changes and removes viser's nodes.
+
+A node that was there in the frame before is changed, not made again, and of it only what differs is sent: meshes once,
+then their poses. viser compares arrays; the same object as before is not even compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import trimesh
+import viser
+
+from app.viewer.scene_frame import (
+    Axes,
+    Ellipsoids,
+    Frustum,
+    Handle,
+    Lines,
+    Node,
+    Points,
+    SceneFrame,
+    Surface,
+)
+from pmpnbp.geometry.poses import Array
+
+# Called with a handle's name and the pose (7,) it was dragged to; `done` at the end of the gesture.
+Dragged = Callable[[str, Array, bool], None]
+
+
+class Drawing:
+    """What of a scene is in viser. Not thread-safe: one thread draws at a time."""
+
+    def __init__(self, server: viser.ViserServer, dragged: Dragged) -> None:
+        self._server = server
+        self._dragged = dragged
+        self._nodes: dict[str, tuple[Node, Any]] = {}
+        # handles that somebody holds just now: their pose is not set meanwhile
+        self._held: set[str] = set()
+
+    def draw(self, frame: SceneFrame) -> None:
+        """Make the scene what the frame says, at once for whoever looks."""
+        wanted = {node.name: node for node in frame.nodes}
+        with self._server.atomic():
+            # below before above: removing a node takes along what is below it
+            for name in sorted(set(self._nodes) - set(wanted), reverse=True):
+                self._remove(name)
+            for name, node in wanted.items():
+                old, handle = self._nodes.get(name, (None, None))
+                if old is not None and not _changeable(old, node):
+                    self._remove(name)
+                    old = None
+                if old is None:
+                    handle = self._add(node)
+                elif name in self._held:
+                    node = old
+                else:
+                    _change(handle, old, node)
+                self._nodes[name] = node, handle
+
+    def _remove(self, name: str) -> None:
+        for known in [known for known in self._nodes if known == name or known.startswith(name + "/")]:
+            _, handle = self._nodes.pop(known)
+            if known == name:
+                handle.remove()
+
+    def _add(self, node: Node) -> Any:
+        scene = self._server.scene
+        if isinstance(node, Points):
+            return scene.add_point_cloud(
+                node.name, node.points, node.colours, point_size=node.size, point_shape=node.shape,
+                precision="float32" if node.exact else "float16", point_shading="flat",
+            )  # fmt: skip
+        if isinstance(node, Surface):
+            return scene.add_mesh_simple(
+                node.name, node.vertices, node.faces, color=node.colour, opacity=node.opacity,
+                side="double" if node.both_sides else "front", cast_shadow=False, receive_shadow=False,
+                position=node.pose[:3], wxyz=node.pose[3:],
+            )  # fmt: skip
+        if isinstance(node, Lines):
+            return scene.add_line_segments(
+                node.name, node.segments, node.colour, thickness=node.width, thickness_units="screen",
+                position=node.pose[:3], wxyz=node.pose[3:],
+            )  # fmt: skip
+        if isinstance(node, Ellipsoids):
+            vertices, faces = _sphere()
+            return scene.add_batched_meshes_simple(
+                node.name, vertices, faces, node.turns, node.centres, batched_scales=node.radii,
+                batched_colors=node.colours, opacity=node.opacity, lod="off", cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
+        if isinstance(node, Axes):
+            return scene.add_batched_axes(
+                node.name, node.poses[:, 3:], node.poses[:, :3], axes_length=node.length, axes_radius=node.length / 28
+            )
+        if isinstance(node, Frustum):
+            return scene.add_camera_frustum(
+                node.name, node.field_of_view, node.aspect, scale=node.size, thickness=1.25, thickness_units="screen",
+                color=node.colour, image=node.image, position=node.pose[:3], wxyz=node.pose[3:], cast_shadow=False,
+                receive_shadow=False,
+            )  # fmt: skip
+        return self._add_handle(node)
+
+    def _add_handle(self, node: Handle) -> Any:
+        made = self._server.scene.add_transform_controls(
+            node.name, node.size, line_width=3.0, disable_rotations=not node.turns, depth_test=False, opacity=0.9,
+            position=node.pose[:3], wxyz=node.pose[3:],
+        )  # fmt: skip
+
+        async def moved(event: Any) -> None:  # async: viser keeps the order of a gesture's phases then
+            if event.phase == "start":
+                self._held.add(node.name)
+            elif event.phase == "end":
+                self._held.discard(node.name)
+            pose = np.concatenate([event.target.position, event.target.wxyz]).astype(np.float64)
+            self._dragged(node.name, pose, event.phase == "end")
+
+        made.on_update(moved)
+        return made
+
+
+def _changeable(old: Node, new: Node) -> bool:
+    """Whether viser's node for the one can become that for the other."""
+    if type(old) is not type(new):
+        return False
+    if isinstance(old, Points) and isinstance(new, Points):
+        return old.exact == new.exact and old.shape == new.shape
+    if isinstance(old, Surface) and isinstance(new, Surface):
+        return old.vertices is new.vertices and old.both_sides == new.both_sides
+    if isinstance(old, Handle) and isinstance(new, Handle):
+        return old.turns == new.turns
+    return True
+
+
+def _change(handle: Any, old: Any, new: Any) -> None:
+    """Tell viser what differs."""
+    if isinstance(new, Axes):
+        handle.batched_positions, handle.batched_wxyzs = new.poses[:, :3], new.poses[:, 3:]
+        return
+    for member, prop in _PROPERTIES[type(new)].items():
+        value = getattr(new, member)
+        if value is not getattr(old, member):
+            setattr(handle, prop, np.asarray(value, dtype=np.uint8) if prop == "colors" else value)
+    if hasattr(new, "pose") and not np.array_equal(new.pose, old.pose):
+        handle.position, handle.wxyz = new.pose[:3], new.pose[3:]
+
+
+# Members of a node and viser's properties that they become.
+_PROPERTIES: dict[type, dict[str, str]] = {
+    Points: {"points": "points", "colours": "colors", "size": "point_size"},
+    Surface: {"colour": "color", "opacity": "opacity"},
+    Lines: {"segments": "points", "colour": "colors", "width": "thickness"},
+    Ellipsoids: {
+        "centres": "batched_positions", "turns": "batched_wxyzs", "radii": "batched_scales",
+        "colours": "batched_colors", "opacity": "opacity",
+    },
+    Frustum: {"colour": "color", "image": "image", "aspect": "aspect", "field_of_view": "fov", "size": "scale"},
+    Handle: {"size": "scale"},
+}  # fmt: skip
+
+
+@cache
+def _sphere() -> tuple[Any, Any]:
+    """A unit sphere's vertices and faces."""
+    sphere = trimesh.creation.icosphere(subdivisions=3, radius=1.0)
+    return np.asarray(sphere.vertices, dtype=np.float32), np.asarray(sphere.faces, dtype=np.uint32)

@@ -1,0 +1,260 @@
+"""What does a view show of an iteration? A pure function: iteration and view state in, scene frame out.
+
+Live view, replay and export are this one path: live is replay of the newest iteration. Particles and ellipsoids stand
+where the part's frame is, as everywhere in REST, which need not be its middle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cache
+
+import numpy as np
+
+from app import palette
+from app.palette import DARK_PAPER, PAPER, Colour, rgb
+from app.sessions.snapshot import Snapshot
+from app.viewer import scan_points
+from app.viewer.ellipsoids import ellipsoids
+from app.viewer.gizmos import gizmos
+from app.viewer.scan_points import ScanPoints
+from app.viewer.scene_frame import (
+    Axes,
+    Bytes,
+    Ellipsoids,
+    Frustum,
+    Lines,
+    Node,
+    Points,
+    SceneFrame,
+    Surface,
+    Targets,
+)
+from app.viewer.stage import Stage
+from app.viewer.view_state import Theme, ViewState
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.belief import Belief, Messages
+
+# Particles whose orientation is drawn.
+BEST = 24
+# Sizes as shares of the object's.
+POINT, MESSAGE_POINT, AXIS, FRUSTUM, MARK = 0.006, 0.010, 0.06, 0.10, 0.008
+# Of a scan's points, as a share of the space between two: of the object, where the estimate shows between them, and
+# around it.
+SPACED = 0.55, 1.1
+# How opaque: the estimate lets its particles shine through.
+ESTIMATE, FAINT, GHOST, SUPPORT, ELLIPSOID = 0.62, 0.12, 0.22, 0.30, 0.55
+# The palest a particle of little weight gets: share of the way to the background.
+PALEST = 0.75
+# Nats below the heaviest from which on a particle is as pale as can be.
+FAINTEST = 12.0
+
+BACKGROUND: Mapping[Theme, Colour] = {"light": rgb(PAPER), "dark": rgb(DARK_PAPER)}
+INK: Mapping[Theme, Colour] = {"light": rgb(palette.INK), "dark": rgb("#e8ebef")}
+QUIET: Mapping[Theme, Colour] = {"light": rgb("#7b8694"), "dark": rgb("#8b97a6")}
+
+
+def frame(
+    made: Snapshot,
+    state: ViewState,
+    stage: Stage,
+    *,
+    compared: tuple[Snapshot, Stage] | None = None,
+) -> SceneFrame:
+    """The scene of iteration `made`.
+
+    stage : of the iteration's object and scans; compared : another iteration to lay over it, with its stage
+    """
+    show, theme = state.show, state.theme
+    part_poses = estimated(made, stage)
+    names = [part.name for part in stage.model.parts]
+    nodes: list[Node] = []
+    if show.scan:
+        nodes += _scans(made, state, stage, part_poses)
+    if show.camera:
+        nodes += [_frustum(f"/camera/{n}", cloud, stage, state) for n, cloud in enumerate(stage.scans)]
+    if show.estimate:
+        # the categories' colours are to be seen then, not the parts'
+        opacity = FAINT if show.scan and state.colour_scan == "explained" else ESTIMATE
+        nodes += _posed("/estimate", stage, part_poses, colours(stage, theme), opacity, state)
+    if show.ellipsoids:
+        nodes.append(_ellipsoids("/ellipsoids", made, stage, part_poses, colours(stage, theme), state))
+    if show.particles:
+        nodes += _particles(made.report.belief, stage, state)
+    if show.axes and state.part in names:
+        best = _best(made.report.belief, names.index(state.part))
+        nodes.append(Axes("/axes", best, AXIS * stage.size))
+    if show.truth and made.truth is not None:
+        nodes += _truth(made.truth["links"], stage, state)
+    if show.planes:
+        nodes += _planes(stage, state)
+    if show.messages and state.edge is not None and made.report.messages is not None:
+        nodes += _messages(made.report.messages, stage, state)
+    nodes += _selected(made.report.belief, stage, state)
+    if compared is not None:
+        nodes += _compared(*compared, state)
+    nodes += gizmos(stage, state)
+    count = int(made.report.belief.poses.shape[1])
+    particles = {name: count for name in names if show.particles}
+    corners = tuple(np.zeros((0, 3, 3), np.float32) if shape is None else shape.corners for shape in stage.shapes)
+    targets = Targets(
+        tuple(names), made.report.belief.poses[..., :3], part_poses, corners, show.particles, show.estimate
+    )
+    return SceneFrame(made.iteration, tuple(nodes), particles, targets)
+
+
+def estimated(made: Snapshot, stage: Stage) -> Array:
+    """(N, 7): the estimate's pose of each part, in world."""
+    # a part's frame is that of its first link
+    return np.stack([_pose(made.result["links"][part.links[0]]["pose"]) for part in stage.model.parts])
+
+
+def colours(stage: Stage, theme: Theme) -> tuple[Colour, ...]:
+    """Each part's colour."""
+    return _colours(len(stage.model.parts), theme)
+
+
+@cache
+def _colours(count: int, theme: Theme) -> tuple[Colour, ...]:
+    of = palette.part_colour if theme == "light" else palette.part_colour_on_dark
+    return tuple(of(part) for part in range(count))
+
+
+def _pose(members: Mapping[str, Mapping[str, float]]) -> Array:
+    position, turn = members["position"], members["orientation"]
+    return np.array([*(position[axis] for axis in "xyz"), *(turn[axis] for axis in "wxyz")])
+
+
+def _scans(made: Snapshot, state: ViewState, stage: Stage, part_poses: Array) -> Iterator[Points]:
+    for number, (scan, clouds) in enumerate(zip(stage.scans, stage.clouds, strict=True)):
+        explained = None
+        if state.colour_scan == "explained":
+            fit = scan_points.fits(scan, made.problem.surfaces, part_poses, made.problem.settings.tolerance_end)
+            explained = scan_points.explained_colours(scan, state.theme, fit)
+        for name, cloud, size in zip(("object", "around"), clouds, SPACED, strict=True):
+            painted = (cloud.depth_colours if state.colour_scan == "depth" else cloud.plain_colours)[state.theme]
+            if explained is not None:
+                painted = explained[cloud.which]
+            yield Points(f"/scan/{number}/{name}", cloud.points, painted, size * scan.spacing, "circle", exact=False)
+
+
+def _frustum(name: str, cloud: ScanPoints, stage: Stage, state: ViewState) -> Frustum:
+    camera = cloud.camera
+    image = cloud.images[state.theme] if state.show.image else None
+    field_of_view = 2 * float(np.arctan2(camera.height / 2, camera.fy))
+    aspect = (camera.width / camera.fx) / (camera.height / camera.fy)
+    return Frustum(
+        name, camera.pose_world_camera, field_of_view, aspect, FRUSTUM * stage.size, QUIET[state.theme], image
+    )
+
+
+def _posed(
+    name: str, stage: Stage, part_poses: Array, painted: tuple[Colour, ...], opacity: float, state: ViewState
+) -> Iterator[Node]:
+    """The parts' surfaces, and lines along their edges."""
+    for number, shape in enumerate(stage.shapes):
+        if shape is None:
+            continue
+        colour = painted[number]
+        if opacity > 0:
+            yield Surface(f"{name}/{number}", shape.vertices, shape.faces, part_poses[number], colour, opacity)
+        chosen = stage.model.parts[number].name == state.part
+        line = _mixed(colour, INK[state.theme], 0.35)
+        yield Lines(f"{name}/{number}/edges", shape.edges, line, 2.5 if chosen else 1.25)
+
+
+def _ellipsoids(
+    name: str, made: Snapshot, stage: Stage, part_poses: Array, painted: tuple[Colour, ...], state: ViewState
+) -> Ellipsoids:
+    links = [made.result["links"][part.links[0]] for part in stage.model.parts]
+    covariances = np.array([link["covariance"] for link in links], dtype=np.float64).reshape(-1, 6, 6)[:, :3, :3]
+    turns, radii = ellipsoids(covariances, state.confidence)
+    return Ellipsoids(
+        name, part_poses[:, :3].astype(np.float32), turns.astype(np.float32), radii.astype(np.float32),
+        np.array(painted, dtype=np.uint8), ELLIPSOID,
+    )  # fmt: skip
+
+
+def _particles(belief: Belief, stage: Stage, state: ViewState) -> Iterator[Points]:
+    for number, colour in enumerate(colours(stage, state.theme)):
+        points = belief.poses[number, :, :3].astype(np.float32)
+        painted = np.array(colour, dtype=np.uint8)
+        if state.colour_particles == "weight":
+            painted = _by_weight(colour, belief.log_weights[number], state.theme)
+        yield Points(f"/particles/{number}", points, painted, POINT * stage.size)
+
+
+def _by_weight(colour: Colour, log_weights: Array, theme: Theme) -> Bytes:
+    """(T, 3): the colour for the heaviest particle, the paler the lighter a particle is."""
+    top = log_weights.max()
+    share = np.ones(len(log_weights))
+    if np.isfinite(top):
+        # in the log domain: of equal steps of the weight itself only the first few would be seen
+        share = np.clip(1 + (log_weights - top) / FAINTEST, 0, 1)
+    pale = PALEST * (1 - share[:, None])
+    mixed = (1 - pale) * np.array(colour) + pale * np.array(BACKGROUND[theme])
+    found: Bytes = mixed.round().astype(np.uint8)
+    return found
+
+
+def _best(belief: Belief, node: int) -> Array:
+    """(K, 7): the heaviest particles of a part, heaviest first."""
+    return belief.poses[node][np.argsort(-belief.log_weights[node], kind="stable")[:BEST]]
+
+
+def _truth(truth: Mapping[str, Array], stage: Stage, state: ViewState) -> Iterator[Node]:
+    for number, (part, shape) in enumerate(zip(stage.model.parts, stage.shapes, strict=True)):
+        known = next((link for link in part.links if link in truth), None)
+        if known is None or shape is None:
+            continue
+        pose = poses.multiply(truth[known], poses.inverse(part.poses_part_link[part.links.index(known)]))
+        yield Lines(f"/truth/{number}", shape.edges, INK[state.theme], 1.75, pose)
+
+
+def _planes(stage: Stage, state: ViewState) -> Iterator[Node]:
+    faces, colour = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32), QUIET[state.theme]
+    for number, square in enumerate(stage.planes):
+        yield Surface(f"/planes/{number}", square, faces, poses.IDENTITY, colour, SUPPORT, both_sides=True)
+        sides = np.stack([square, np.roll(square, -1, axis=0)], axis=1)
+        yield Lines(f"/planes/{number}/edges", sides, colour, 1.25)
+
+
+def _messages(messages: Messages, stage: Stage, state: ViewState) -> Iterator[Node]:
+    """The particles of both messages of an edge, in the sender's colour: it is the sender who says this."""
+    names = [part.name for part in stage.model.parts]
+    painted = colours(stage, state.theme)
+    for number, (sender, receiver) in enumerate(zip(messages.sender.tolist(), messages.receiver.tolist(), strict=True)):
+        if {names[sender], names[receiver]} != set(state.edge or ()):
+            continue
+        points = messages.poses[number, :, :3].astype(np.float32)
+        shown = _by_weight(painted[sender], messages.log_weights[number], state.theme)
+        name = f"/messages/{sender}-{receiver}"
+        yield Points(name, points, shown, MESSAGE_POINT * stage.size, "diamond")
+
+
+def _selected(belief: Belief, stage: Stage, state: ViewState) -> Iterator[Node]:
+    """The selected particle: a mark at its position, and the part's edges at its pose."""
+    number = next((n for n, part in enumerate(stage.model.parts) if part.name == state.part), None)
+    if number is None or state.particle is None or state.particle >= belief.poses.shape[1]:
+        return
+    pose, shape, ink = belief.poses[number, state.particle], stage.shapes[number], INK[state.theme]
+    size = np.full((1, 3), MARK * stage.size, dtype=np.float32)
+    turn = np.array([[1, 0, 0, 0]], dtype=np.float32)
+    yield Ellipsoids("/selected/mark", pose[None, :3].astype(np.float32), turn, size, np.array([ink], np.uint8), 0.95)
+    if shape is not None:
+        yield Lines("/selected/edges", shape.edges, ink, 2.0, pose)
+
+
+def _compared(made: Snapshot, stage: Stage, state: ViewState) -> Iterator[Node]:
+    grey = tuple(QUIET[state.theme] for _ in stage.shapes)
+    part_poses = estimated(made, stage)
+    yield from _posed("/compare", stage, part_poses, grey, GHOST, state)
+    if state.show.ellipsoids:
+        yield _ellipsoids("/compare/ellipsoids", made, stage, part_poses, grey, state)
+
+
+def _mixed(one: Colour, other: Colour, share: float) -> Colour:
+    """`share` of the way from one colour to the other."""
+    red, green, blue = (round(a + (b - a) * share) for a, b in zip(one, other, strict=True))
+    return red, green, blue

@@ -1,0 +1,274 @@
+"""When is a view drawn? After each new iteration and each change of what it shows, newest only, while somebody looks.
+
+Each view has a thread of its own, so that a slow one delays nobody, the inference least of all; at most RATE times a
+second, since what is in a slow browser's socket cannot be taken back. What fails in here is logged and told in the
+view's `error`, and ends neither the thread nor anything else.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import viser
+
+from app.problems import HttpProblem
+from app.sessions.readable import Readable
+from app.sessions.snapshot import Snapshot
+from app.viewer.client_page import scene_only
+from app.viewer.draw import Drawing
+from app.viewer.frames import frame
+from app.viewer.gizmos import PRIOR, dragged_prior, dragged_region
+from app.viewer.picking import picked
+from app.viewer.scan_points import ScanPoints, scan_points
+from app.viewer.scene_frame import Targets
+from app.viewer.stage import Stage, stage
+from app.viewer.view import Drawn, Find, View
+from app.viewer.view_state import Eye, ViewState
+from pmpnbp.errors import PmpnbpError
+from pmpnbp.geometry.poses import Array
+
+# Pictures a second, at most; and how often it is told where the camera is while it moves.
+RATE, CAMERA_RATE = 12.0, 3.0
+# Vertical field of view of the browser's camera, radians.
+FIELD_OF_VIEW = math.radians(36)
+# Stages kept: of the session, of the one it is compared with, and of one of them before a change.
+STAGES = 3
+# An eye nearer than this to another, metres, is the same; and is where it was told to be.
+SAME_EYE, PLACED = 1e-3, 2e-2
+
+_log = logging.getLogger("pmpnbp.server")
+
+
+class Painter:
+    """Draws one view, in a thread that it starts. find : a session, or recording, by its id."""
+
+    def __init__(self, view: View, source: Readable, find: Find) -> None:
+        self._view = view
+        self._source = source
+        self._find = find
+        self._wake = threading.Event()
+        self._painting = threading.Lock()
+        self._drawing: Drawing | None = None
+        self._stages: dict[object, Stage] = {}
+        self._scans: dict[tuple[str, int], ScanPoints] = {}
+        self._targets: Targets | None = None
+        self._drawn_key: object = None
+        self._theme: str | None = None
+        self._home: Eye | None = None
+        self._seen: Eye | None = None
+        self._told: Eye | None = None
+        # browsers that are where they were told to look from: before, what they report is out of date
+        self._placed: set[int] = set()
+        self._ends = [source.events.listen(self._wake.set), view.listen(self._happened)]
+        self._thread = threading.Thread(target=self._run, name=f"view-{view.view_id}", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread, after what it draws just now."""
+        self._wake.set()
+        if threading.current_thread() is not self._thread:
+            self._thread.join()
+
+    def html(self) -> str:
+        """The scene as it is now, as a page that needs no server. Raises HttpProblem where there is nothing to draw."""
+        with self._painting:
+            self._paint()
+            return scene_only(self._view.server.scene.as_html(dark_mode=self._view.state.theme == "dark"))
+
+    # The thread
+
+    def _run(self) -> None:
+        last = 0.0
+        while not self._over():
+            self._wake.wait(None if self._seen is None else 1 / CAMERA_RATE)
+            if self._over():
+                break
+            wait = last + 1 / RATE - time.monotonic()
+            if wait > 0:
+                time.sleep(wait)
+            self._wake.clear()
+            self._tell_camera()
+            if self._view.clients == 0 or self._view.state.hidden:
+                continue
+            last = time.monotonic()
+            error = None
+            try:
+                with self._painting:
+                    self._paint()
+            except (HttpProblem, PmpnbpError) as problem:
+                error = str(problem)
+            except Exception as problem:
+                if self._over():
+                    break
+                _log.exception("view %s of %s cannot be drawn", self._view.view_id, self._source.id)
+                error = f"the scene could not be drawn: {type(problem).__name__}: {problem}"
+            if error != self._view.error:
+                self._view.error = error
+                self._view.tell("view")
+        for end in self._ends:
+            end()
+
+    def _over(self) -> bool:
+        return self._view.closed
+
+    def _happened(self, what: str) -> None:
+        if what != "drawn":
+            self._wake.set()
+
+    def _paint(self) -> None:
+        """Draw what is to be seen now, unless that is what was drawn last."""
+        state = self._view.state
+        made = self._read(self._source, state.iteration)
+        other = None
+        if state.compare is not None:
+            other = self._find(state.compare.session_id)
+        compared = None if other is None or state.compare is None else self._read(other, state.compare.iteration)
+        scans = self._scan_count(made)
+        key = (
+            made.row["event"], made.iteration, scans, None if compared is None else compared.row["event"],
+            replace(state, camera=None, hidden=False),
+        )  # fmt: skip
+        self._dress(state)
+        if key == self._drawn_key:
+            return
+        own = self._stage(self._source, made, scans)
+        against = None if compared is None or other is None else (compared, self._stage(other, compared, 0))
+        made_frame = frame(made, state, own, compared=against)
+        self._begin(own, state)
+        assert self._drawing is not None
+        self._drawing.draw(made_frame)
+        self._targets, self._drawn_key = made_frame.targets, key
+        serial = 1 if self._view.drawn is None else self._view.drawn.serial + 1
+        self._view.drawn = Drawn(made.iteration, made_frame.particles, serial)
+        self._view.tell("drawn")
+
+    def _read(self, source: Readable, iteration: int | None) -> Snapshot:
+        """An iteration; the newest where there are not so many, as after a reset."""
+        newest = source.present or source.read()
+        if iteration is None or iteration >= newest.iteration:
+            return newest
+        return source.read(iteration)
+
+    def _scan_count(self, made: Snapshot) -> int:
+        """How many scans the iteration was made with."""
+        later = [one for one in self._source.changes() if "scan_id" in one and one["after_iteration"] >= made.iteration]
+        return max(len(self._source.status()["scan_ids"]) - len(later), 1)
+
+    def _stage(self, source: Readable, made: Snapshot, scans: int) -> Stage:
+        key = (source.id, id(made.problem), scans)
+        found = self._stages.pop(key, None)
+        if found is None:
+            found = stage(made.problem, tuple(self._scan(source, view) for view in range(scans)))
+        self._stages[key] = found
+        while len(self._stages) > STAGES:
+            del self._stages[next(iter(self._stages))]
+        return found
+
+    def _scan(self, source: Readable, view: int) -> ScanPoints:
+        key = (source.id, view)
+        if key not in self._scans:
+            self._scans[key] = scan_points(source.scan(view)[1])
+        return self._scans[key]
+
+    # viser
+
+    def _dress(self, state: ViewState) -> None:
+        if state.theme != self._theme:
+            self._view.server.gui.configure_theme(
+                dark_mode=state.theme == "dark", show_logo=False, show_share_button=False
+            )
+            self._theme = state.theme
+
+    def _begin(self, own: Stage, state: ViewState) -> None:
+        """What is done once, before the first picture."""
+        if self._drawing is not None:
+            return
+        server = self._view.server
+        self._drawing = Drawing(server, self._dragged)
+        server.scene.set_up_direction(own.up)
+        server.initial_camera.fov = FIELD_OF_VIEW
+        self._home = own.eye
+        self.look(state.camera)
+        server.on_client_connect(self._came)
+        server.scene.on_click()(self._clicked)
+
+    def look(self, eye: Eye | None) -> None:
+        """Look from `eye`; None: from where the view begins."""
+        eye = eye or self._home
+        if eye is None:
+            return
+        self._told = eye
+        self._placed.clear()
+        server = self._view.server
+        self._begin_from(eye)
+        for client in server.get_clients().values():
+            _place(client, eye)
+
+    def _begin_from(self, eye: Eye) -> None:
+        """A browser that comes, or comes again, begins there."""
+        start = self._view.server.initial_camera
+        start.up, start.position, start.look_at = np.array(eye.up), np.array(eye.position), np.array(eye.look_at)
+
+    def _came(self, client: viser.ClientHandle) -> None:
+        @client.camera.on_update
+        async def moved(camera: Any) -> None:
+            if np.isfinite([camera.position, camera.look_at, camera.up_direction]).all():
+                position, look_at, up = (
+                    tuple(round(float(value), 5) for value in vector)
+                    for vector in (camera.position, camera.look_at, camera.up_direction)
+                )
+                self._reported(client.client_id, Eye(position, look_at, up))  # type: ignore[arg-type]
+
+        if self._told is not None:
+            _place(client, self._told)
+
+    def _reported(self, client: int, eye: Eye) -> None:
+        if client in self._placed:
+            self._seen = eye
+            self._wake.set()
+        elif self._told is not None and _same(eye, self._told, PLACED):
+            self._placed.add(client)
+
+    def _tell_camera(self) -> None:
+        """Put into the state where the camera is, if somebody has moved it."""
+        seen, self._seen = self._seen, None
+        if seen is None or (self._told is not None and _same(seen, self._told)):
+            return
+        self._told = seen
+        self._begin_from(seen)
+        self._view.change({"camera": {"position": seen.position, "look_at": seen.look_at, "up": seen.up}})
+
+    def _clicked(self, event: Any) -> None:
+        targets = self._targets
+        if targets is None:
+            return
+        found = picked(targets, np.array(event.ray_origin), np.array(event.ray_direction))
+        if found is not None:
+            part, particle = found
+            self._view.change({"part": targets.parts[part], "particle": particle})
+
+    def _dragged(self, name: str, pose: Array, done: bool) -> None:
+        state = self._view.state
+        if name == PRIOR and state.prior is not None:
+            self._view.change({"prior": dragged_prior(state.prior, pose)})
+        elif name != PRIOR and state.region is not None:
+            self._view.change({"region": dragged_region(state.region, name, pose[:3])})
+
+
+def _place(client: viser.ClientHandle, eye: Eye) -> None:
+    with client.atomic():
+        client.camera.fov = FIELD_OF_VIEW
+        client.camera.up_direction = np.array(eye.up)
+        client.camera.position = np.array(eye.position)
+        client.camera.look_at = np.array(eye.look_at)
+
+
+def _same(one: Eye, other: Eye, within: float = SAME_EYE) -> bool:
+    pairs = ((one.position, other.position), (one.look_at, other.look_at), (one.up, other.up))
+    return all(math.dist(a, b) < within for a, b in pairs)

@@ -1,0 +1,127 @@
+"""Which colour has a point of the scan? By its depth, by how well the estimate explains it, or plain.
+
+The kinds of fit, and their colours, are those of the particle's picture. All is shaded as the scan's picture is
+(`app.pictures.backdrop`), so that surfaces can be told apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.palette import rgb
+from app.pictures.backdrop import backdrop, scaled
+from app.pictures.particle_picture import EXPLAINED, IN_FRONT, KIND_COLOURS, NOT_COVERED, SEEN_THROUGH
+from app.viewer.scene_frame import Bytes, Floats
+from app.viewer.view_state import THEMES, Theme
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.camera import Camera
+from pmpnbp.geometry.poses import Array
+from pmpnbp.potentials.surfaces import Surfaces
+from pmpnbp.potentials.unary import render
+from pmpnbp.scene.observation import Scan
+
+# Points of one scan that are drawn, at most.
+MOST = 80_000
+
+# From near to far: what is far recedes into the background.
+_NEAR_FAR: Mapping[Theme, tuple[str, str]] = {"light": ("#6f86a3", "#cfd8e2"), "dark": ("#a9b8c9", "#36424f")}
+_PLAIN: Mapping[Theme, str] = {"light": "#a9b3be", "dark": "#6d7986"}
+
+
+@dataclass(frozen=True)
+class ScanPoints:
+    """A scan as points, thinned.
+
+    camera : of the thinned image; depth : (h, w), metres; measured : (h, w) bool, the pixels that are points
+    points : (P, 3) world; shade : (P,) how brightly each is lit, about 1
+    depth_colours, plain_colours : (P, 3), for each theme; images : (h, w, 3), the depth image in the same colours
+    """
+
+    camera: Camera
+    depth: Floats
+    measured: NDArray[np.bool_]
+    points: Floats
+    shade: Floats
+    depth_colours: Mapping[Theme, Bytes]
+    plain_colours: Mapping[Theme, Bytes]
+    images: Mapping[Theme, Bytes]
+
+    @property
+    def spacing(self) -> float:
+        """Metres between neighbours in the middle of the depths."""
+        return float(np.median(self.depth[self.measured])) / self.camera.fx if len(self.points) else 0.01
+
+
+def scan_points(scan: Scan) -> ScanPoints:
+    """The points of a scan: every pixel, or one of each block where there are more than MOST."""
+    camera = scan.camera
+    factor = max(int(np.ceil(np.sqrt(camera.width * camera.height / MOST))), 1)
+    width, height = max(camera.width // factor, 1), max(camera.height // factor, 1)
+    rows = ((np.arange(height) + 0.5) * camera.height / height).astype(int)
+    columns = ((np.arange(width) + 0.5) * camera.width / width).astype(int)
+    depth = np.ascontiguousarray(scan.depth[rows[:, None], columns])
+    measured = depth > 0
+    # each kept pixel's own ray, not that of its block's centre
+    own = camera.rays()[rows[:, None], columns][measured] * depth[measured][:, None]
+    points = poses.transform_points(camera.pose_world_camera, own.astype(np.float64)).astype(np.float32)
+    values = depth[measured]
+    near, far = np.percentile(values, (2, 98)) if len(values) else (0.0, 1.0)
+    tone = np.clip((values - near) / max(far - near, 1e-6), 0, 1).astype(np.float32)
+    shade = _shade(backdrop(scan, width, height)[measured].mean(axis=-1), tone)
+    by_depth = {theme: _lit(_between(*_NEAR_FAR[theme], tone), shade) for theme in THEMES}
+    plain = {theme: _lit(_between(_PLAIN[theme], _PLAIN[theme], tone), shade) for theme in THEMES}
+    return ScanPoints(
+        scaled(camera, width, height), depth, measured, points, shade, by_depth, plain,
+        {theme: _image(measured, by_depth[theme], theme) for theme in THEMES},
+    )  # fmt: skip
+
+
+def explained_colours(cloud: ScanPoints, theme: Theme, fit: NDArray[np.uint8]) -> Bytes:
+    """(P, 3): the colours of kinds `fit` (P,), as `fits` gives them; what is not covered is plain."""
+    found = cloud.plain_colours[theme].copy()
+    for kind in (EXPLAINED, IN_FRONT, SEEN_THROUGH):
+        chosen = fit == kind
+        found[chosen] = _lit(np.array([rgb(KIND_COLOURS[kind])], dtype=np.float32), cloud.shade[chosen])
+    return found
+
+
+def fits(cloud: ScanPoints, surfaces: Surfaces, part_poses: Array, tolerance: float) -> NDArray[np.uint8]:
+    """(P,) kinds of `particle_picture`: how each point fits the parts at `part_poses` (N, 7), part in world.
+
+    tolerance : metres, the difference in depth up to which a point is explained
+    """
+    drawn, _ = render(cloud.camera, surfaces, part_poses)
+    difference = cloud.depth - drawn
+    found = np.where(difference > tolerance, SEEN_THROUGH, np.where(difference < -tolerance, IN_FRONT, EXPLAINED))
+    return np.where(drawn > 0, found, NOT_COVERED)[cloud.measured].astype(np.uint8)
+
+
+def _shade(grey: Floats, tone: Floats) -> Floats:
+    """(P,) light alone: the backdrop's grey without what its depth makes of it."""
+    if len(grey) < 2:
+        return np.ones_like(grey)
+    slope, level = np.polyfit(tone, grey, 1)
+    found: Floats = np.clip(1 + 1.4 * (grey - slope * tone - level), 0.7, 1.25).astype(np.float32)
+    return found
+
+
+def _between(near: str, far: str, tone: Floats) -> Floats:
+    start, end = (np.array(rgb(colour), dtype=np.float32) for colour in (near, far))
+    found: Floats = start + (end - start) * tone[:, None]
+    return found
+
+
+def _lit(colour: Floats, shade: Floats) -> Bytes:
+    found: Bytes = np.clip(colour * shade[:, None], 0, 255).astype(np.uint8)
+    return found
+
+
+def _image(measured: NDArray[np.bool_], painted: Bytes, theme: Theme) -> Bytes:
+    """What was not measured is a darker plain colour."""
+    picture = np.tile((0.5 * np.array(rgb(_PLAIN[theme]))).astype(np.uint8), (*measured.shape, 1))
+    picture[measured] = painted
+    return picture

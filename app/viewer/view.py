@@ -1,0 +1,141 @@
+"""One open view: what it shows, who looks at it, and what was drawn last.
+
+It is told what to show by the page, over REST, and by whoever clicks and drags in the scene; both end in its state, and
+whoever listens is told of both.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import viser
+
+from app.problems import HttpProblem
+from app.sessions.readable import Readable
+from app.viewer.view_state import ViewState, members, merged
+from app.viewer.viser_server import address, open_server
+
+Find = Callable[[str], Readable]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What the scene shows now. particles : how many of each part; serial : counts what was drawn in this view"""
+
+    iteration: int
+    particles: Mapping[str, int]
+    serial: int
+
+
+@dataclass(eq=False)
+class View:
+    """A view of `source` (None: of nothing), which is the session `session_id`. Thread-safe.
+
+    server, secret : viser's, and what its connections carry; opened with the first client
+    clients : browsers that show it; keepers : all that keep it from being closed
+    """
+
+    session_id: str
+    view_id: str
+    source: Readable | None
+    clients: int = 0
+    keepers: int = 0
+    last_left: threading.Timer | None = field(default=None, repr=False)
+    drawn: Drawn | None = None
+    error: str | None = None
+
+    def __post_init__(self) -> None:
+        self._lock = threading.Lock()
+        self._state = ViewState()
+        self._listeners: dict[object, Callable[[str], None]] = {}
+        self._opened: tuple[viser.ViserServer, str] | None = None
+        self._closed = False
+
+    @property
+    def server(self) -> viser.ViserServer:
+        """viser's server of the view."""
+        return self._open()[0]
+
+    @property
+    def secret(self) -> str:
+        """What a connection to the server has to carry."""
+        return self._open()[1]
+
+    @property
+    def url(self) -> str:
+        """Where its websocket is; for this process only."""
+        return address(self.server)
+
+    @property
+    def closed(self) -> bool:
+        """Whether it has ended."""
+        return self._closed
+
+    @property
+    def state(self) -> ViewState:
+        """What it shows."""
+        return self._state
+
+    def change(self, change: Mapping[str, Any]) -> ViewState:
+        """Merge members into the state; whoever listens is told "view". Raises ViewStateError."""
+        with self._lock:
+            old, self._state = self._state, merged(self._state, change)
+            new = self._state
+        if new != old:
+            self.tell("view")
+        return new
+
+    def answer(self) -> dict[str, Any]:
+        """The state as REST shows it, with what was drawn and how many look."""
+        return members(self._state) | {"drawn": self.drawn_members(), "clients": self.clients, "error": self.error}
+
+    def drawn_members(self) -> dict[str, Any] | None:
+        """What was drawn last, as REST shows it."""
+        drawn = self.drawn
+        if drawn is None:
+            return None
+        return {"iteration": drawn.iteration, "particles": dict(drawn.particles), "serial": drawn.serial}
+
+    def listen(self, wake: Callable[[str], None]) -> Callable[[], None]:
+        """Call `wake` with what happened: "view" (its state changed), "drawn", "clients" (somebody came or went) or
+        "closed", from any thread; it must return at once. What is returned ends that."""
+        key = object()
+        with self._lock:
+            self._listeners[key] = wake
+        return lambda: self._forget(key)
+
+    def tell(self, what: str) -> None:
+        """Tell the listeners."""
+        with self._lock:
+            listeners = list(self._listeners.values())
+        for wake in listeners:
+            wake(what)
+
+    def close(self) -> None:
+        """End it. A second call does nothing."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            opened = self._opened
+            last_left = self.last_left
+        if last_left is not None:
+            last_left.cancel()
+        self.tell("closed")
+        if opened is not None:
+            opened[0].stop()
+
+    def _open(self) -> tuple[viser.ViserServer, str]:
+        with self._lock:
+            if self._closed:
+                raise HttpProblem(404, f"view '{self.view_id}' is closed")
+            if self._opened is None:
+                self._opened = open_server()
+            return self._opened
+
+    def _forget(self, key: object) -> None:
+        with self._lock:
+            self._listeners.pop(key, None)

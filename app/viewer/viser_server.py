@@ -1,0 +1,67 @@
+"""How is viser started so that nobody else gets in? On the loopback interface, on a free port, behind a secret.
+
+Only this process knows the secret: it passes a browser's websocket on after its own checks.
+"""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+import threading
+from collections.abc import Callable
+from http import HTTPStatus
+from typing import Any, cast
+
+import rich
+import viser
+import websockets.asyncio.server
+from viser import _messages as viser_messages
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
+
+LOOPBACK = "127.0.0.1"
+SECRET_HEADER = "X-Pmpnbp-View"
+
+# viser hands `serve` to no caller: it is replaced while a view's server starts, one at a time.
+_starting = threading.Lock()
+
+
+def open_server() -> tuple[viser.ViserServer, str]:
+    """A server with an empty scene, world frame, metres; and the secret that a connection has to carry."""
+    secret = secrets.token_hex(32)
+    # viser prints a banner, and who comes and goes, to standard output, which is for our own one line
+    rich.get_console().quiet = True
+    with _starting:
+        original = websockets.asyncio.server.serve
+        cast(Any, websockets.asyncio.server).serve = _guarded(original, secret)
+        try:
+            server = viser.ViserServer(host=LOOPBACK, port=0, verbose=False)
+        finally:
+            cast(Any, websockets.asyncio.server).serve = original
+    # Any client could ask for a public address for the scene: nobody is to be asked outside this machine
+    connection = server._websock_server
+    for message in (viser_messages.ShareUrlRequest, viser_messages.ShareUrlDisconnect):
+        connection.unregister_handler(message)
+    server.scene.world_axes.visible = False
+    return server, secret
+
+
+def address(server: viser.ViserServer) -> str:
+    """Where its websocket is; for this process only."""
+    return f"ws://{LOOPBACK}:{server.get_port()}"
+
+
+def _guarded(serve: Callable[..., Any], secret: str) -> Callable[..., Any]:
+    """`serve` for connections that carry the secret; its own checks, and serving of files, are left out."""
+
+    def check(connection: ServerConnection, request: Request) -> Response | None:
+        given = request.headers.get_all(SECRET_HEADER)
+        if len(given) == 1 and hmac.compare_digest(given[0].encode("utf-8", "surrogateescape"), secret.encode()):
+            return None
+        return connection.respond(HTTPStatus.FORBIDDEN, "this port is for the server's own use\n")
+
+    def guarded(*arguments: Any, **options: Any) -> Any:
+        options |= {"process_request": check, "ping_interval": None}
+        return serve(*arguments, **options)
+
+    return guarded

@@ -1,0 +1,280 @@
+"""What does looking cost, and how soon is something seen? The page in a real browser, and the 3D view's server side.
+
+Starts a server of its own on a free port. Chromium renders in software, on the same cores. Run it:
+`python -m benchmarks.viewer [steps] [scrub] [slowdown] [soak] [--iterations 20000]`; without names the first three.
+
+| name | measures |
+| --- | --- |
+| steps | from the click on "step" to other pixels in the page's 3D view; the cabinet, 4 parts × 400 particles |
+| scrub | from the call that asks for an iteration until it is drawn, any of 1,000 of the 12-part robot |
+| slowdown | seconds an iteration takes with and without somebody who looks, in turns |
+| soak | memory of server and page while many iterations are made and drawn |
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import io
+import json
+import shutil
+import signal
+import tempfile
+import threading
+import time
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import websockets.asyncio.client
+from playwright.sync_api import Page, sync_playwright
+
+from benchmarks import server_process
+from benchmarks.server_process import CABINET, ServerProcess, upload_model, upload_scan
+from benchmarks.tables import markdown, progress
+from benchmarks.trials import PROJECT, load_region
+
+ROBOT = PROJECT / "sample_data" / "robot"
+# What a browser without a graphics card needs to show WebGL.
+FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+VIEW = "benchmark"
+
+# Resolves once the 3D view's canvas shows something else than before `act` was called; milliseconds from the call.
+# The canvas is read inside an animation frame, as its content is gone after it.
+_UNTIL_OTHER_PIXELS = """
+async () => {
+  const canvas = document.querySelector("iframe").contentDocument.querySelector("canvas");
+  const small = new OffscreenCanvas(192, 120).getContext("2d", { willReadFrequently: true });
+  const frame = () => new Promise((done) => requestAnimationFrame(done));
+  const read = () => {
+    small.drawImage(canvas, 0, 0, 192, 120);
+    return small.getImageData(0, 0, 192, 120).data;
+  };
+  const differs = (a, b) => a.some((value, place) => Math.abs(value - b[place]) > 4);
+  await frame();
+  const before = read();
+  const start = performance.now();
+  document.querySelector("#step").click();
+  while (performance.now() - start < 10000) {
+    await frame();
+    if (differs(read(), before)) return performance.now() - start;
+  }
+  return null;
+}
+"""
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.viewer", description=__doc__)
+    parser.add_argument("what", nargs="*", choices=["steps", "scrub", "slowdown", "soak", []], metavar="NAME")
+    parser.add_argument("--iterations", type=int, default=20_000, help="of the soak (default 20000)")
+    arguments = parser.parse_args(words)
+    measures: dict[str, Callable[[ServerProcess], None]] = {
+        "steps": steps,
+        "scrub": scrub,
+        "slowdown": slowdown,
+        "soak": lambda server: soak(server, arguments.iterations),
+    }
+    for name in arguments.what or ("steps", "scrub", "slowdown"):
+        progress(name)
+        with tempfile.TemporaryDirectory(prefix="viewer-") as folder:
+            server = server_process.start(Path(folder)).ready()
+            try:
+                measures[name](server)
+            finally:
+                server.end(signal.SIGTERM)
+    return 0
+
+
+def steps(server: ServerProcess, count: int = 60) -> None:
+    """From the click on "step" to new pixels."""
+    with api(server) as client:
+        session = cabinet(client)
+        client.post(f"/sessions/{session}/step", json={"iterations": 3}).raise_for_status()
+        with page(server, session) as shown:
+            taken = []
+            for _ in range(count):
+                taken.append(shown.evaluate(_UNTIL_OTHER_PIXELS))
+                shown.wait_for_timeout(300)
+    missed = sum(time is None for time in taken)
+    row = ["step to pixels", len(taken), *quantiles([time for time in taken if time is not None]), missed]
+    print(markdown(["", "steps", "median (ms)", "90 %", "longest", "not seen"], [row]))
+
+
+def scrub(server: ServerProcess, iterations: int = 1000, count: int = 100) -> None:
+    """From asking for an iteration until it is drawn."""
+    rng = np.random.default_rng(0)
+    with api(server) as client:
+        session = robot(client)
+        run(client, session, iterations)
+        with looking(server, session):
+            taken = []
+            for iteration in rng.integers(0, iterations + 1, count).tolist():
+                began = time.perf_counter()
+                client.patch(f"/sessions/{session}/views/{VIEW}", json={"iteration": iteration}).raise_for_status()
+                while drawn(client, session) != iteration:
+                    time.sleep(0.002)
+                taken.append((time.perf_counter() - began) * 1000.0)
+    print(markdown(["", "iterations", "median (ms)", "90 %", "longest"], [["scrub", count, *quantiles(taken)]]))
+
+
+def slowdown(server: ServerProcess, turns: int = 6, iterations: int = 150) -> None:
+    """Iterations with and without a viewer: in turns, as the machine's clock drifts."""
+    rows = []
+    with api(server) as client:
+        session = cabinet(client)
+        run(client, session, 100)
+        for title, look in (("a client that takes all", looking), ("the page in Chromium", page)):
+            ratios = []
+            for _ in range(turns):
+                alone = pace(client, session, iterations)
+                with look(server, session):
+                    time.sleep(2.0)
+                    ratios.append(pace(client, session, iterations) / alone)
+            rows.append([title, turns, f"{np.median(ratios):.3f}", f"{min(ratios):.3f}", f"{max(ratios):.3f}"])
+    print(markdown(["somebody looks by", "turns", "median ratio", "least", "most"], rows))
+
+
+def soak(server: ServerProcess, iterations: int) -> None:
+    """Memory of server and page while iterations are made and drawn."""
+    rows = []
+    with api(server) as client:
+        session = cabinet(client, config={"preset": "paper"})
+        run(client, session, 200)
+        with page(server, session) as shown:
+            shown.wait_for_timeout(5000)
+            start = now = client.get(f"/sessions/{session}").json()["iteration"]
+            began = time.perf_counter()
+            client.post(f"/sessions/{session}/run", json={"iterations": iterations}).raise_for_status()
+            while now < start + iterations:
+                rows.append([now, *memory(server, shown), f"{time.perf_counter() - began:.0f}"])
+                progress(str(rows[-1]))
+                goal = min(start + iterations, now + max(1, iterations // 20))
+                while (now := client.get(f"/sessions/{session}").json()["iteration"]) < goal:
+                    shown.wait_for_timeout(500)
+            rows.append([now, *memory(server, shown), f"{time.perf_counter() - began:.0f}"])
+    print(markdown(["iteration", "server (MiB)", "page's heap (MiB)", "seconds"], rows))
+
+
+def memory(server: ServerProcess, shown: Page) -> tuple[str, str]:
+    """MiB that the server has resident, and of the page's heap after a collection."""
+    status = Path(f"/proc/{server.process.pid}/status").read_text(encoding="ascii")
+    resident = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS")) / 1024
+    browser = shown.context.new_cdp_session(shown)
+    browser.send("HeapProfiler.collectGarbage")
+    heap = browser.send("Runtime.getHeapUsage")["usedSize"] / 2**20
+    browser.detach()
+    return f"{resident:.0f}", f"{heap:.1f}"
+
+
+def quantiles(taken: Sequence[float]) -> list[str]:
+    """Median, 90 % and longest, as text."""
+    return [f"{np.percentile(taken, q):.0f}" for q in (50, 90, 100)]
+
+
+def pace(client: httpx.Client, session: str, iterations: int) -> float:
+    """Seconds an iteration takes."""
+    began = time.perf_counter()
+    run(client, session, iterations)
+    return (time.perf_counter() - began) / iterations
+
+
+def run(client: httpx.Client, session: str, iterations: int) -> None:
+    """Make so many iterations."""
+    client.post(f"/sessions/{session}/run", json={"iterations": iterations}).raise_for_status()
+    while client.get(f"/sessions/{session}/estimate", params={"wait": "idle", "timeout": 600}).json()["state"] in (
+        "running",
+        "waiting",
+    ):
+        pass
+
+
+def drawn(client: httpx.Client, session: str) -> int | None:
+    """The iteration that the view shows."""
+    found = client.get(f"/sessions/{session}/views/{VIEW}").json()["drawn"]
+    return None if found is None else found["iteration"]
+
+
+@contextmanager
+def api(server: ServerProcess) -> Iterator[httpx.Client]:
+    """Calls to the server."""
+    with httpx.Client(base_url=f"{server.url}/api/v1", timeout=700.0) as client:
+        yield client
+
+
+def cabinet(client: httpx.Client, **more: Any) -> str:
+    """A session on the open cabinet."""
+    return create(client, upload_model(client), upload_scan(client), CABINET / "open", **more)
+
+
+def robot(client: httpx.Client) -> str:
+    """A session on the 12-part robot, with its prior."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        for path in (ROBOT / "robot.urdf", *(ROBOT / "meshes").iterdir()):
+            archive.write(path, path.relative_to(ROBOT))
+    model = client.post("/models", files={"file": ("robot.zip", packed.getvalue())})
+    scene = ROBOT / "scan_0"
+    camera = (scene / "camera.json").read_text(encoding="utf-8")
+    files = {"file": ("depth.png", (scene / "depth.png").read_bytes())}
+    scan = client.post("/scans", files=files, data={"camera": camera})
+    prior = json.loads((scene / "prior.json").read_text(encoding="utf-8"))
+    return create(client, model, scan, scene, prior=prior)
+
+
+def create(client: httpx.Client, model: httpx.Response, scan: httpx.Response, scene: Path, **more: Any) -> str:
+    """A session on what was uploaded."""
+    body = {"model_id": model.json()["id"], "scan_ids": [scan.json()["id"]], "roi": load_region(scene).tolist()}
+    answer = client.post("/sessions", json=body | more)
+    answer.raise_for_status()
+    return str(answer.json()["id"])
+
+
+@contextmanager
+def page(server: ServerProcess, session: str) -> Iterator[Page]:
+    """The session's page in Chromium, with something in its 3D view."""
+    with sync_playwright() as playwright:
+        path = shutil.which("chromium") or shutil.which("google-chrome")
+        browser = playwright.chromium.launch(executable_path=path, args=[*FLAGS])
+        shown = browser.new_page(viewport={"width": 1440, "height": 900})
+        shown.goto(f"{server.url}/sessions/{session}/")
+        shown.frame_locator("iframe").locator("canvas").first.wait_for()
+        shown.wait_for_timeout(4000)
+        yield shown
+        browser.close()
+
+
+@contextmanager
+def looking(server: ServerProcess, session: str) -> Iterator[None]:
+    """A client of the 3D view that takes everything and draws nothing, as one on another machine would be."""
+    address = server.url.replace("http", "ws") + f"/sessions/{session}/view/{VIEW}/"
+    stop = threading.Event()
+    there = threading.Event()
+
+    async def take() -> None:
+        protocol = websockets.Subprotocol("viser-v1.1.1")
+        async with websockets.asyncio.client.connect(address, subprotocols=[protocol], max_size=None) as socket:
+            there.set()
+            while not stop.is_set():
+                try:
+                    await asyncio.wait_for(socket.recv(), 0.2)
+                except TimeoutError:
+                    continue
+
+    thread = threading.Thread(target=lambda: asyncio.run(take()))
+    thread.start()
+    there.wait(10.0)
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

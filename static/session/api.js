@@ -1,0 +1,70 @@
+// How does the page talk to the server? By the same REST calls that a program would make, and server-sent events.
+
+// What went wrong, in the server's own sentence; `status` is 0 where no answer came.
+export class Problem extends Error {
+  constructor(status, sentence) {
+    super(sentence);
+    this.status = status;
+  }
+}
+
+export async function call(path, { method = "GET", body, signal } = {}) {
+  const headers = { Accept: "application/json" };
+  if (body !== undefined) headers["Content-Type"] = "application/json";
+  let response;
+  try {
+    response = await fetch(path, { method, headers, signal, body: body === undefined ? undefined : JSON.stringify(body) });
+  } catch (error) {
+    if (error.name === "AbortError") throw error;
+    throw new Problem(0, "The server does not answer.");
+  }
+  const text = await response.text();
+  let answer = null;
+  try {
+    answer = text ? JSON.parse(text) : null;
+  } catch {
+    throw new Problem(response.status, `The server answered with ${response.status}, and not with JSON.`);
+  }
+  if (!response.ok) throw new Problem(response.status, answer?.detail ?? `The server answered with ${response.status}.`);
+  return answer;
+}
+
+export const root = (id) => `/api/v1/sessions/${encodeURIComponent(id)}`;
+export const at = (iteration) => (iteration === null || iteration === undefined ? "" : `?iteration=${iteration}`);
+
+// Server-sent events that come back by themselves. `heard` maps kinds to functions of the data; `opened` hears of each
+// connection, `lost` of each break that lasts, `refused` of an end that the server means.
+export function listen(path, heard, { opened, lost, refused }) {
+  let source = null;
+  let breaking = null;
+  let again = null;
+  let ended = false;
+  const open = () => {
+    source = new EventSource(path);
+    source.onopen = () => {
+      clearTimeout(breaking);
+      breaking = null;
+      opened?.();
+    };
+    for (const [kind, hear] of Object.entries(heard)) {
+      source.addEventListener(kind, (event) => event.data && hear(JSON.parse(event.data)));
+    }
+    source.onerror = () => {
+      // the browser tries again at once; a break shorter than this is nobody's business
+      breaking ??= setTimeout(() => lost?.(), 1200);
+      if (source.readyState === EventSource.CLOSED && !ended) again = setTimeout(retry, 2000);
+    };
+  };
+  const retry = async () => {
+    if (ended) return;
+    if (refused && (await refused())) return;
+    if (!ended) open();
+  };
+  open();
+  return () => {
+    ended = true;
+    clearTimeout(breaking);
+    clearTimeout(again);
+    source.close();
+  };
+}

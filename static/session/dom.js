@@ -1,0 +1,70 @@
+// How are elements made and changed? Small functions over the DOM, nothing that remembers anything.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+// An HTML element: `on` holds listeners, `css` custom properties and styles, all else attributes; null leaves one out.
+export function h(name, attributes = {}, ...children) {
+  return fill(document.createElement(name), attributes, children);
+}
+
+// The same for SVG.
+export function s(name, attributes = {}, ...children) {
+  return fill(document.createElementNS(SVG, name), attributes, children);
+}
+
+function fill(element, attributes, children) {
+  set(element, attributes);
+  element.append(...children.flat().filter((child) => child !== null && child !== undefined));
+  return element;
+}
+
+export function set(element, attributes) {
+  for (const [name, value] of Object.entries(attributes)) {
+    if (name === "on") for (const [kind, listener] of Object.entries(value)) element.addEventListener(kind, listener);
+    else if (name === "css") for (const [key, text] of Object.entries(value)) element.style.setProperty(key, text);
+    else if (value === null || value === undefined || value === false) element.removeAttribute(name);
+    else element.setAttribute(name, value === true ? "" : value);
+  }
+  return element;
+}
+
+// Change a text only where it is another: screen readers would read it again.
+export function say(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+export const find = (id) => document.getElementById(id);
+
+// Rows that stay the same elements while their number and contents change, so that focus and scroll stay.
+export function keyed(place, items, key, make, update) {
+  const old = new Map([...place.children].map((child) => [child.dataset.key, child]));
+  items.forEach((item, at) => {
+    const name = String(key(item, at));
+    let child = old.get(name);
+    if (child) old.delete(name);
+    else {
+      child = make(item, at);
+      child.dataset.key = name;
+    }
+    update(child, item, at);
+    if (place.children[at] !== child) place.insertBefore(child, place.children[at] ?? null);
+  });
+  for (const child of old.values()) child.remove();
+}
+
+// A button that says what it does.
+export function button(text, press, attributes = {}) {
+  return h("button", { type: "button", ...attributes, on: { click: press } }, text);
+}
+
+// A few choices side by side, of which one holds. Returns the element and a function that shows the value.
+export function segments(label, choices, choose) {
+  const buttons = choices.map(([value, text]) =>
+    button(text, () => choose(value), { class: "segment", "data-value": value, "aria-pressed": "false" }),
+  );
+  const element = h("div", { class: "segments", role: "group", "aria-label": label }, buttons);
+  const show = (value) => {
+    for (const one of buttons) one.setAttribute("aria-pressed", String(one.dataset.value === String(value)));
+  };
+  return [element, show];
+}

@@ -1,0 +1,48 @@
+// How are numbers written? Lengths in millimetres or centimetres, angles in degrees, always with the unit and with as
+// many places as stay the same from iteration to iteration.
+
+const MINUS = "\u2212";
+const NARROW = "\u202f";
+
+export const DEGREES = 180 / Math.PI;
+
+export function number(value, places = 1) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  const text = Math.abs(value).toFixed(places);
+  return (value < 0 && Number(text) !== 0 ? MINUS : "") + text;
+}
+
+const withUnit = (text, unit) => (text === "–" ? text : text + NARROW + unit);
+
+export const millimetres = (metres, places = 1) =>
+  withUnit(number(metres * 1000, Math.abs(metres) >= 0.1 ? 0 : places), "mm");
+export const centimetres = (metres, places = 1) => withUnit(number(metres * 100, places), "cm");
+export const degrees = (radians, places = 1) => withUnit(number(radians * DEGREES, places), "°").replace(NARROW + "°", "°");
+export const percent = (share, places = 0) => withUnit(number(share * 100, places), "%");
+export const nats = (value, places = 1) => number(value, places);
+
+// A joint's position by its type: metres for slides, radians for turns, lists for planar and floating ones.
+export function joint(type, value, places = 1) {
+  if (Array.isArray(value)) return value.map((one, at) => (isAngle(type, at) ? degrees(one) : centimetres(one))).join(", ");
+  if (value === null || value === undefined) return "–";
+  return isAngle(type, 0) ? degrees(value, places) : centimetres(value, places);
+}
+
+function isAngle(type, at) {
+  if (type === "revolute" || type === "continuous") return true;
+  return (type === "planar" && at === 2) || (type === "floating" && at > 2);
+}
+
+// A number with a unit of the server's ("m", "rad") as people read it.
+export function measured(value, unit, places = 1) {
+  if (unit === "m") return centimetres(value, places);
+  if (unit === "rad") return degrees(value, places);
+  return number(value, places);
+}
+
+// The few digits of a round number, as at the ticks of an axis.
+export const plain = (value) => String(Number(value.toPrecision(3))).replace("-", MINUS);
+
+export function plural(count, one, many = one + "s") {
+  return `${count} ${count === 1 ? one : many}`;
+}

@@ -1,0 +1,130 @@
+// What hangs on what? The Markov random field as a drawing: a node per part with a ring that closes as it becomes
+// certain, an edge per pair of parts that joints connect.
+
+import { find, s, say, set } from "./dom.js";
+import { millimetres } from "./format.js";
+import { colour, maxStd, on, onTheme, rowAt, shown, state } from "./state.js";
+import { change } from "./view.js";
+
+const WIDTH = 348;
+const RADIUS = 11;
+const RING = 15;
+const AROUND = 2 * Math.PI * RING;
+
+const nodes = new Map();
+const edges = [];
+
+export function install() {
+  on(["graph"], build);
+  on(["graph", "rows", "view"], show);
+  onTheme(show);
+}
+
+// Choose a part; a second time lets it go.
+export function choosePart(name) {
+  change({ part: state.view.part === name ? null : name, edge: null, particle: null });
+}
+
+function chooseEdge(parent, child) {
+  const same = state.view.edge?.[0] === parent && state.view.edge?.[1] === child;
+  change({ edge: same ? null : [parent, child], part: null, particle: null, show: { messages: !same } });
+}
+
+// Where the parts stand: leaves side by side, parents over the middle of their children, a row per generation.
+export function layout({ parts, edges: pairs }) {
+  const children = new Map(parts.map((part) => [part.name, []]));
+  const roots = new Set(parts.map((part) => part.name));
+  for (const { parent, child } of pairs) {
+    children.get(parent)?.push(child);
+    roots.delete(child);
+  }
+  const placed = new Map();
+  let leaves = 0;
+  const walk = (name, depth) => {
+    if (placed.has(name)) return placed.get(name).column;
+    placed.set(name, { depth, column: 0 });
+    const below = children.get(name).map((child) => walk(child, depth + 1));
+    const column = below.length ? (Math.min(...below) + Math.max(...below)) / 2 : leaves++;
+    placed.get(name).column = column;
+    return column;
+  };
+  for (const name of roots) walk(name, 0);
+  const depth = Math.max(0, ...[...placed.values()].map((place) => place.depth));
+  return { placed, leaves: Math.max(1, leaves), depth };
+}
+
+function build() {
+  const drawing = find("graph");
+  drawing.replaceChildren();
+  nodes.clear();
+  edges.length = 0;
+  const { placed, leaves, depth } = layout(state.graph);
+  const row = depth > 5 ? 46 : depth > 2 ? 62 : 84;
+  const height = 62 + depth * row;
+  set(drawing, { viewBox: `0 0 ${WIDTH} ${height}` });
+  const x = (name) => ((placed.get(name).column + 0.5) / leaves) * WIDTH;
+  const y = (name) => 24 + placed.get(name).depth * row;
+
+  for (const edge of state.graph.edges) {
+    if (!placed.has(edge.parent) || !placed.has(edge.child)) continue;
+    const [x1, y1, x2, y2] = [x(edge.parent), y(edge.parent), x(edge.child), y(edge.child)];
+    const types = [...new Set(edge.joints.map((joint) => joint.type))].join(", ");
+    const place = s("g", { class: "edge", role: "button", tabindex: "0", "aria-pressed": "false",
+      "aria-label": `${types} joint ${edge.joints.map((joint) => joint.name).join(", ")} between ${edge.parent} and ${edge.child}: show its messages` },
+      s("line", { class: "reach", x1, y1, x2, y2 }),
+      s("line", { class: "wire", x1, y1, x2, y2 }),
+      s("text", { class: "edge-label", x: x1 + (x2 - x1) * 0.56, y: y1 + (y2 - y1) * 0.56 + 3.5 }, types));
+    press(place, () => chooseEdge(edge.parent, edge.child));
+    edges.push({ place, edge });
+    drawing.append(place);
+  }
+  const room = WIDTH / leaves / 6.2; // letters that fit side by side
+  state.graph.parts.forEach((part, at) => {
+    const [cx, cy] = [x(part.name), y(part.name)];
+    const beside = [...placed.values()].filter((place) => place.depth === placed.get(part.name).depth).length === 1;
+    const ring = s("circle", { class: "ring", cx, cy, r: RING, transform: `rotate(-90 ${cx} ${cy})` });
+    const disc = s("circle", { class: "disc", cx, cy, r: RADIUS });
+    const tick = s("path", { class: "tick", d: `M${cx - 4.5} ${cy + 0.5}l3 3.2 6-6.4` });
+    const text = beside && depth > 0
+      ? s("text", { class: "node-label", x: cx + RING + 7, y: cy + 4 }, part.name)
+      : s("text", { class: "node-label middle", x: cx, y: cy + RING + 14 }, shorter(part.name, room));
+    const title = s("title");
+    const place = s("g", { class: "node", role: "button", tabindex: "0", "aria-pressed": "false", "data-part": part.name },
+      title, s("circle", { class: "ground", cx, cy, r: RING + 2.5 }), s("circle", { class: "rail", cx, cy, r: RING }), ring, disc, tick, text);
+    press(place, () => choosePart(part.name));
+    nodes.set(part.name, { place, ring, disc, title, at, part });
+    drawing.append(place);
+  });
+}
+
+const shorter = (name, room) => (name.length <= room ? name : name.slice(0, Math.max(3, Math.floor(room) - 1)) + "…");
+
+function press(place, act) {
+  place.addEventListener("click", act);
+  place.addEventListener("keydown", (event) => {
+    if (event.key !== "Enter" && event.key !== " ") return;
+    event.preventDefault();
+    event.stopPropagation();
+    act();
+  });
+}
+
+function show() {
+  const row = rowAt(shown());
+  for (const [name, { place, ring, disc, title, at, part }] of nodes) {
+    const std = row?.std[at] ?? null;
+    const certain = std !== null && std <= maxStd();
+    // full where certain; on the way there by the logarithm, from a tenth at 100 times the limit
+    const share = std === null ? 0 : Math.min(1, Math.max(0.06, 1 - Math.log10(std / maxStd()) / 2));
+    const told = `${name}, ${certain ? "certain" : "not certain"}, standard deviation ${std === null ? "unknown" : millimetres(std)}`;
+    set(place, { "aria-pressed": String(state.view.part === name), "aria-label": told, "data-certain": String(certain) });
+    disc.style.fill = colour(part);
+    ring.style.stroke = certain ? "" : colour(part);
+    set(ring, { "stroke-dasharray": `${(share * AROUND).toFixed(1)} ${AROUND.toFixed(1)}` });
+    say(title, told);
+  }
+  for (const { place, edge } of edges) {
+    const chosen = state.view.edge?.includes(edge.parent) && state.view.edge?.includes(edge.child);
+    set(place, { "aria-pressed": String(Boolean(chosen)) });
+  }
+}

@@ -1,0 +1,178 @@
+// What has happened so far? The trace, its changes and the estimate of the iteration that is looked at, kept up to date
+// by the session's events; when the connection breaks it is said, and all is asked for again once it is back.
+
+import { at, call, listen, Problem, root } from "./api.js";
+import { on, put, rowAt, shown, state, touch } from "./state.js";
+
+const PACE = 200; // milliseconds between two estimates
+const AGAIN = 1500; // milliseconds to the next try where the server was not heard
+const KEPT = 40; // estimates
+const CHANGE = 400; // milliseconds after which a changed session is asked for its changes
+
+const estimates = new Map();
+let end = null;
+
+let tries = null;
+// While the server is not heard, ask again: not every call that fails breaks the events' connection.
+function retry() {
+  if (!state.lost || tries) return;
+  tries = setTimeout(() => {
+    tries = null;
+    load().catch(report).finally(retry);
+  }, AGAIN);
+}
+
+// Load everything and listen. Resolves after the first answer; rejects where there is no such session.
+export async function follow(id) {
+  state.id = id;
+  await load();
+  end?.();
+  let before = true;
+  end = listen(`${root(id)}/events`, { iteration: hearIteration, state: hearState, error: hearState }, {
+    opened: () => {
+      if (!before || state.lost) load().catch(report);
+      before = false;
+    },
+    lost: () => put({ lost: true }),
+    refused: gone,
+  });
+  on(["lost"], retry);
+}
+
+async function load() {
+  const id = state.id;
+  const session = await call(root(id));
+  const [graph, trace] = await Promise.all([
+    call(`${root(id)}/graph`).catch(() => null),
+    call(`${root(id)}/trace`).catch((error) => (session.state === "failed" ? { iterations: [] } : Promise.reject(error))),
+  ]);
+  state.graph = graph ?? guessed(trace.iterations.at(-1));
+  estimates.clear();
+  put({
+    session, graph: state.graph, rows: trace.iterations.map(compact), changes: trace.changes ?? [], lost: false,
+  });
+}
+
+async function gone() {
+  try {
+    await call(root(state.id));
+    return false;
+  } catch (error) {
+    if (error.status !== 404) return false;
+    put({ lost: false, trouble: "This session is not here any more.", session: { ...state.session, state: "deleted" } });
+    return true;
+  }
+}
+
+const report = (error) => error instanceof Problem && error.status === 0 ? put({ lost: true }) : put({ trouble: error.message });
+
+// Without the graph parts are known by the trace alone.
+function guessed(row) {
+  const names = Object.keys(row?.effective_sample_size ?? {});
+  return { parts: names.map((name) => ({ name, links: [name], colour: null, colour_dark: null })), edges: [], views: 1, truth: false };
+}
+
+// A row by part, in the graph's order: a long session has many of them.
+function compact(row) {
+  const parts = state.graph.parts;
+  const largest = (part) => {
+    const all = part.links.flatMap((link) => row.std_xyz?.[link] ?? []);
+    return all.length ? Math.max(...all) : null;
+  };
+  return {
+    iteration: row.iteration,
+    stage: row.stage,
+    seconds: row.seconds,
+    elapsed: row.elapsed,
+    likelihood: row.log_likelihood,
+    std: parts.map(largest),
+    effective: parts.map((part) => row.effective_sample_size?.[part.name] ?? null),
+    add: row.add ? parts.map((part) => row.add[part.name] ?? null) : null,
+    certain: row.certain,
+    converged: row.converged,
+    notes: row.notes?.length ? row.notes : null,
+  };
+}
+
+function hearIteration(row) {
+  const last = state.rows.at(-1)?.iteration ?? -1;
+  if (row.iteration <= last) {
+    if (row.iteration !== 0 && rowAt(row.iteration)?.iteration === row.iteration && row.iteration === last) return;
+    state.rows = state.rows.filter((old) => old.iteration < row.iteration); // it began anew
+    estimates.clear();
+    state.estimate = null;
+    if (state.view.iteration !== null && state.view.iteration > row.iteration) state.view.iteration = null;
+    askChanges();
+  } else if (row.iteration > last + 1 && last >= 0) {
+    fetchMissed(last);
+    return;
+  }
+  state.rows.push(compact(row));
+  if (state.session) Object.assign(state.session, { iteration: row.iteration, converged: row.converged, certain: row.certain });
+  if (state.lost) state.lost = false;
+  touch("rows", "session", "lost", "view");
+}
+
+let missing = null;
+async function fetchMissed(after) {
+  missing ??= call(`${root(state.id)}/trace?after=${after}`)
+    .then((trace) => {
+      const known = state.rows.at(-1)?.iteration ?? -1;
+      state.rows.push(...trace.iterations.filter((row) => row.iteration > known).map(compact));
+      touch("rows", "session");
+    })
+    .catch(report)
+    .finally(() => (missing = null));
+}
+
+function hearState(progress) {
+  if (!state.session) return;
+  Object.assign(state.session, progress);
+  touch("session");
+}
+
+let asking = null;
+// Settings or scans have changed: which, and after which iteration, is in the trace.
+export function askChanges() {
+  clearTimeout(asking);
+  asking = setTimeout(async () => {
+    try {
+      const [session, trace] = await Promise.all([
+        call(root(state.id)),
+        call(`${root(state.id)}/trace?after=${state.rows.at(-1)?.iteration ?? -1}`),
+      ]);
+      put({ session, changes: trace.changes ?? [] });
+    } catch (error) {
+      report(error);
+    }
+  }, CHANGE);
+}
+
+let pacing = null;
+let busy = false;
+// Have `state.estimate` be that of the iteration that is looked at, soon; not while nobody looks.
+export function wantEstimate() {
+  if (pacing || busy || document.hidden) return;
+  const iteration = shown();
+  if (state.estimate?.iteration === iteration) return;
+  const known = estimates.get(iteration);
+  if (known) {
+    put({ estimate: known });
+    return;
+  }
+  busy = true;
+  call(`${root(state.id)}/estimate${at(iteration)}`)
+    .then((estimate) => {
+      estimates.set(estimate.iteration, estimate);
+      if (estimates.size > KEPT) estimates.delete(estimates.keys().next().value);
+      put({ estimate });
+    })
+    .catch((error) => (error.status === 0 ? put({ lost: true }) : null))
+    .finally(() => {
+      busy = false;
+      pacing = setTimeout(() => {
+        pacing = null;
+        wantEstimate();
+      }, PACE);
+    });
+}

@@ -1,0 +1,51 @@
+// Which keys do something? Those that no control under the focus takes for itself; in the 3D view too, but for the keys
+// it moves its camera with.
+
+import { find } from "./dom.js";
+import { playOrPause, step } from "./controls.js";
+import { isRecording } from "./state.js";
+import { live, move, playback } from "./timeline.js";
+
+const TAKES_ALL = "input, select, textarea, [contenteditable]";
+const TAKES_SPACE = "button, summary, a, [role=button], [role=tab]";
+const TAKES_ARROWS = "[role=tab]";
+
+export function install(frame) {
+  document.addEventListener("keydown", press);
+  frame.addEventListener("load", () => {
+    try {
+      frame.contentWindow.addEventListener("keydown", (event) => {
+        if ([" ", "l", "L", "?"].includes(event.key)) press(event);
+      });
+    } catch {
+      // the frame shows an error page of the browser's own: no keys there
+    }
+  });
+  find("help-open").addEventListener("click", () => find("help").showModal());
+}
+
+function press(event) {
+  const target = event.target;
+  if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
+  const slides = target.matches?.("input[type=range]");
+  if (!slides && target.matches?.(TAKES_ALL)) {
+    if (!(target.type === "checkbox" && event.key !== " ")) return;
+  }
+  if (event.key === " " && target.closest?.(TAKES_SPACE)) return;
+  if (event.key.startsWith("Arrow") && (target.closest?.(TAKES_ARROWS) || (slides && target.id !== "slider"))) return;
+  const far = event.shiftKey ? 10 : 1;
+  const acts = {
+    " ": () => (isRecording() ? playback() : playOrPause()),
+    ArrowLeft: () => move(-far),
+    ArrowRight: () => move(far),
+    l: live,
+    L: live,
+    s: step,
+    S: step,
+    "?": () => find("help").showModal(),
+  };
+  const act = acts[event.key];
+  if (!act) return;
+  event.preventDefault();
+  act();
+}

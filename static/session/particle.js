@@ -1,0 +1,171 @@
+// Why does this particle weigh what it does? The best particles of a part, and of the chosen one its pose, where it came
+// from, what the scan and each message give to its weight, and what the camera saw against what it would have seen.
+
+import { call, root } from "./api.js";
+import { bars } from "./charts.js";
+import { button, find, h, keyed, say } from "./dom.js";
+import { centimetres, joint, nats, number, percent } from "./format.js";
+import { colour, colourOf, on, onTheme, oldest, partNamed, shown, state } from "./state.js";
+import { change } from "./view.js";
+import { paced } from "./pace.js";
+
+const LISTED = 24;
+const PICTURE_PACE = 800; // milliseconds between two pictures
+const SOURCES = { own: "own belief", neighbour: "a neighbour" };
+
+const current = () => partNamed(state.view.part) ?? state.graph.parts[0] ?? null;
+const beliefs = (part) => `${root(state.id)}/beliefs/${encodeURIComponent(part.links[0])}`;
+const wanted = () => `${current()?.name}@${shown()}`;
+
+export function install() {
+  const list = paced(listed, wanted, sentence("particles-calm"));
+  const why = paced(explained, () => `${wanted()}#${state.view.particle}`, sentence("why-calm"));
+  const ask = () => {
+    if (state.tab !== "why" || !current()) return;
+    chips();
+    find("why").hidden = state.view.particle === null;
+    find("why-none").hidden = state.view.particle !== null;
+    list();
+    if (state.view.particle !== null) why();
+    mark();
+  };
+  on(["view", "rows", "graph", "tab"], ask);
+  onTheme(ask);
+  find("why-view").addEventListener("change", picture);
+  find("why-enlarge").addEventListener("click", enlarge);
+}
+
+const sentence = (id) => (text) => {
+  find(id).hidden = !text;
+  say(find(id), text);
+};
+
+function chips() {
+  keyed(find("why-parts"), state.graph.parts, (part) => part.name,
+    (part) => h("button", { type: "button", class: "chip", on: { click: () => change({ part: part.name, edge: null, particle: null }) } },
+      h("span", { class: "swatch", "aria-hidden": "true" }), part.name),
+    (chip, part) => {
+      chip.firstChild.style.backgroundColor = colour(part);
+      chip.setAttribute("aria-pressed", String(part === current()));
+    });
+}
+
+async function listed() {
+  const part = current();
+  const answer = await call(`${beliefs(part)}/particles?iteration=${shown()}&limit=${LISTED}`);
+  const most = answer.particles[0]?.weight || 1;
+  keyed(find("particles"), answer.particles, (_, at) => at,
+    () => h("li", {}, h("button", { type: "button", class: "row", on: { click: choose } },
+      h("span", { class: "index figure" }), h("span", { class: "weight", "aria-hidden": "true" }),
+      h("span", { class: "figure share" }), h("span", { class: "source" }))),
+    (place, particle) => {
+      const row = place.firstChild;
+      const [index, weight, share, source] = row.children;
+      row.dataset.index = particle.index;
+      say(index, `${particle.index}`);
+      weight.style.setProperty("--share", particle.weight / most);
+      weight.style.setProperty("--tint", colour(part));
+      say(share, percent(particle.weight, 2));
+      say(source, particle.neighbour ? `from ${particle.neighbour}` : SOURCES[particle.source] ?? particle.source);
+    });
+  mark();
+}
+
+function choose(event) {
+  const part = current();
+  change({ part: part.name, edge: null, particle: Number(event.currentTarget.dataset.index) });
+}
+
+function mark() {
+  for (const row of document.querySelectorAll("#particles .row")) {
+    row.setAttribute("aria-pressed", String(Number(row.dataset.index) === state.view.particle));
+  }
+}
+
+async function explained() {
+  const part = current();
+  if (state.view.particle === null) return;
+  const answer = await call(`${beliefs(part)}/particles/${state.view.particle}?iteration=${shown()}`);
+  say(find("why-title"), `${part.name}, particle ${answer.index}`);
+  say(find("why-weight"), `weight ${percent(answer.weight, 2)} · log weight ${nats(answer.log_weight, 2)}`);
+  origin(answer, part);
+  pose(answer);
+  find("why-shares").replaceChildren(bars(shares(answer)));
+  picture();
+}
+
+function origin(answer, part) {
+  const before = answer.iteration - 1;
+  const owner = answer.ancestor_part ?? answer.neighbour ?? part.name;
+  const go = answer.ancestor === null || answer.ancestor === undefined || answer.ancestor < 0 || before < oldest()
+    ? null
+    : button(`Particle ${answer.ancestor} of ${owner}, iteration ${before}`, () =>
+        change({ iteration: before, part: owner, edge: null, particle: answer.ancestor }), { class: "link", id: "ancestor" });
+  find("why-origin").replaceChildren(h("p", {}, answer.origin ?? ""), go ?? "");
+}
+
+function pose(answer) {
+  const p = answer.pose;
+  const rows = [
+    ["position", [p[0], p[1], p[2]].map((value) => centimetres(value)).join(", ")],
+    ["quaternion", `w ${number(p[3], 3)}, x ${number(p[4], 3)}, y ${number(p[5], 3)}, z ${number(p[6], 3)}`],
+  ];
+  for (const [name, value] of Object.entries(answer.joint_positions ?? {})) {
+    const known = state.estimate?.joints[name];
+    rows.push([name, known ? joint(known.type, value) : number(value, 3)]);
+  }
+  find("why-pose").replaceChildren(...rows.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", { class: "figure" }, value))));
+}
+
+function shares(answer) {
+  const given = answer.shares ?? { unary: answer.log_unary, messages: {} };
+  const entries = [{ name: "the scan (unary)", value: given.unary, text: nats(given.unary, 2) }];
+  for (const [name, value] of Object.entries(given.messages ?? {})) {
+    entries.push({ name: `${name}’s message`, value, text: nats(value, 2), tint: colourOf(name) });
+  }
+  if (given.prior) entries.push({ name: "prior", value: given.prior, text: nats(given.prior, 2) });
+  if (Number.isFinite(given.constant)) entries.push({ name: "common to all", value: given.constant, text: nats(given.constant, 2), tint: "var(--quiet)" });
+  entries.push({ name: "log weight", value: answer.log_weight, text: nats(answer.log_weight, 2), tint: "var(--ink)", total: true });
+  return entries;
+}
+
+// The picture is asked for when it is of another particle than the one that is there, one at a time and not in a hurry,
+// as it takes the server a while; its place stays as large.
+let drawing = false;
+
+function picture() {
+  const part = current();
+  if (!part || state.view.particle === null || drawing) return;
+  const views = state.graph.views ?? 1;
+  find("why-view-row").hidden = views < 2;
+  const choice = find("why-view");
+  if (choice.length !== views) choice.replaceChildren(...Array.from({ length: views }, (_, at) => h("option", { value: at }, `scan ${at + 1}`)));
+  const source = `${beliefs(part)}/particles/${state.view.particle}/picture.png?iteration=${shown()}&view=${choice.value || 0}&width=`;
+  const image = find("why-picture");
+  if (image.dataset.source === source) return;
+  const next = new Image();
+  const done = (hidden) => {
+    image.hidden = hidden;
+    setTimeout(() => {
+      drawing = false;
+      if (state.tab === "why") picture();
+    }, PICTURE_PACE);
+  };
+  drawing = true;
+  image.dataset.source = source;
+  next.onload = () => {
+    image.alt = `Observed depth, depth rendered at particle ${state.view.particle} of ${part.name}, and their difference`;
+    image.src = next.src;
+    done(false);
+  };
+  next.onerror = () => done(true);
+  next.src = `${source}720`;
+}
+
+function enlarge() {
+  const image = find("why-picture");
+  if (image.hidden) return;
+  find("picture-large").src = `${image.dataset.source}1080`;
+  find("picture-large").alt = image.alt;
+  find("picture").showModal();
+}

@@ -1,0 +1,109 @@
+// With which settings does the inference go on? Every entry of /api/v1/settings with its help, unit and limits; a change
+// counts from the next iteration on. Method and particle count are a session's for life: those start a new one.
+
+import { call, root } from "./api.js";
+import { button, find, h, say } from "./dom.js";
+import { askChanges } from "./history.js";
+import { isRecording, on, put, state } from "./state.js";
+import { startAnother } from "./another.js";
+
+// Where a stage's settings begin, by the first one's name; the server lists them in the order of the stages.
+const STAGES = {
+  image_width: "Scan and rendering", pixel_score: "Unary potential", pairwise_form: "Pairwise potential",
+  joint_draws: "Messages and beliefs", anneal_iterations: "Annealing", search_iterations: "Search",
+  refine_iterations: "Refinement and rest",
+};
+
+const rows = new Map();
+let entries = [];
+
+export async function install() {
+  for (const preset of ["robust", "paper"]) find(`preset-${preset}`).addEventListener("click", () => send({ preset }));
+  find("anew").addEventListener("submit", (event) => {
+    event.preventDefault();
+    const [method, particles] = [find("method").value, Number(find("particle-count").value)];
+    const what = [method === "pmpnbp" ? null : "particle filter", `${particles} particles`].filter(Boolean).join(", ");
+    startAnother({ method, particles }, what, (text) => say(find("anew-error"), text));
+  });
+  on(["session"], show);
+  entries = (await call("/api/v1/settings")).settings;
+  let group = null;
+  for (const entry of entries) {
+    if (STAGES[entry.name] || !group) {
+      group = h("div", { class: "settings-rows" });
+      find("settings-groups").append(h("details", { open: entry === entries[0] || entry.name === "pixel_score" }, h("summary", {}, STAGES[entry.name] ?? "Other"), group));
+    }
+    group.append(row(entry));
+  }
+  show();
+}
+
+function row(entry) {
+  const id = `setting-${entry.name}`;
+  const changed = () => {
+    const value = entry.kind === "boolean" ? input.checked : entry.kind === "string" ? input.value : Number(input.value);
+    if (input.value === "" && entry.kind !== "boolean") show();
+    else send({ [entry.name]: value }, error);
+  };
+  const input = entry.choices.length
+    ? h("select", { id }, entry.choices.map((choice) => h("option", { value: choice }, choice)))
+    : entry.kind === "boolean"
+      ? h("input", { id, type: "checkbox", role: "switch" })
+      : h("input", { id, type: "number", step: entry.kind === "integer" ? "1" : "any", min: entry.low, max: entry.high });
+  input.setAttribute("aria-describedby", `${id}-help`);
+  input.addEventListener("change", changed);
+  const error = h("p", { class: "wrong", role: "alert", hidden: true });
+  const reset = button("↺", () => send({ [entry.name]: entry.default }, error), {
+    class: "reset", "aria-label": `Reset ${entry.name} to ${entry.default}`, title: `reset to ${entry.default}`,
+  });
+  const limits = [entry.low !== null ? `from ${entry.low}` : "", entry.high !== null ? `to ${entry.high}` : ""].filter(Boolean).join(" ");
+  rows.set(entry.name, { entry, input, reset, place: null });
+  const place = h("div", { class: "setting" },
+    h("label", { for: id }, entry.name.replaceAll("_", " ")), input, h("span", { class: "unit" }, entry.unit), reset,
+    h("p", { class: "help", id: `${id}-help` }, entry.help, limits ? h("span", { class: "limits" }, ` · ${limits}`) : null), error);
+  rows.get(entry.name).place = place;
+  return place;
+}
+
+function show() {
+  const session = state.session;
+  if (!session) return;
+  const config = session.config ?? {};
+  const paper = config.preset === "paper";
+  find("preset-robust").setAttribute("aria-pressed", String(!paper));
+  find("preset-paper").setAttribute("aria-pressed", String(paper));
+  const fixed = isRecording();
+  find("settings-fixed").hidden = !fixed;
+  for (const preset of ["robust", "paper"]) find(`preset-${preset}`).disabled = fixed;
+  for (const { entry, input, reset, place } of rows.values()) {
+    const value = config[entry.name] ?? (paper ? entry.paper : entry.default);
+    if (document.activeElement !== input || input.type === "checkbox") {
+      if (input.type === "checkbox") input.checked = Boolean(value);
+      else input.value = value;
+    }
+    input.disabled = fixed;
+    const changed = value !== entry.default;
+    place.dataset.changed = String(changed);
+    reset.disabled = !changed || fixed;
+  }
+  if (!find("anew").contains(document.activeElement)) {
+    find("method").value = session.method ?? "pmpnbp";
+    find("particle-count").value = session.particles ?? 400;
+  }
+  find("anew-start").disabled = fixed;
+}
+
+async function send(config, error = null) {
+  try {
+    const session = await call(root(state.id), { method: "PATCH", body: { config } });
+    put({ session: { ...state.session, ...session } });
+    if (error) error.hidden = true;
+    askChanges();
+  } catch (problem) {
+    if (!error) put({ trouble: problem.message });
+    else {
+      say(error, problem.message);
+      error.hidden = false;
+    }
+  }
+}

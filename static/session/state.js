@@ -1,0 +1,100 @@
+// What does the page know, and who wants to hear of it? One object, and listeners by the members they look at.
+
+export const DEFAULT_VIEW = {
+  iteration: null,
+  show: {
+    scan: true, camera: true, image: false, particles: true, axes: false, estimate: true, ellipsoids: true,
+    truth: false, planes: false, region: false, prior: false, messages: false,
+  },
+  colour_scan: "depth",
+  colour_particles: "part",
+  confidence: 0.75,
+  part: null,
+  edge: null,
+  particle: null,
+  compare: null,
+  camera: null,
+  region: null,
+  prior: null,
+};
+
+export const state = {
+  id: null, // of the session, or of the recording
+  viewId: null, // of this tab's 3D view
+  session: null, // as REST has it
+  graph: { parts: [], edges: [], views: 1, truth: false },
+  rows: [], // of the trace, by iteration, compact (see history.js)
+  changes: [],
+  view: structuredClone(DEFAULT_VIEW),
+  estimate: null, // of the iteration that is looked at
+  other: null, // the estimate it is compared with
+  tab: "estimate",
+  lost: false, // whether the server was heard last time
+  trouble: "", // a sentence about what did not work
+  playback: false,
+};
+
+const listeners = [];
+const changed = new Set();
+const PACE = 30; // milliseconds between two tellings
+let waiting = false;
+let last = -Infinity;
+
+// Hear of it, soon and not too often, when any of the members has changed; and now.
+export function on(members, hear) {
+  listeners.push([new Set(members), hear]);
+  hear();
+}
+
+export function put(members) {
+  Object.assign(state, members);
+  touch(...Object.keys(members));
+}
+
+// Say that a member has changed in itself.
+export function touch(...names) {
+  for (const name of names) changed.add(name);
+  if (waiting) return;
+  waiting = true;
+  // not with the next frame: where the 3D view is drawn without a GPU, frames are slow, and so would be the numbers
+  setTimeout(tell, Math.max(0, last + PACE - performance.now()));
+}
+
+function tell() {
+  waiting = false;
+  last = performance.now();
+  const now = new Set(changed);
+  changed.clear();
+  for (const [members, hear] of listeners) if ([...now].some((name) => members.has(name))) hear();
+}
+
+// What follows from it
+
+export const isRecording = () => state.session?.kind === "recording";
+export const newest = () => state.rows.at(-1)?.iteration ?? state.session?.iteration ?? 0;
+export const oldest = () => state.rows[0]?.iteration ?? 0;
+export const isLive = () => state.view.iteration === null;
+export const shown = () => (isLive() ? newest() : Math.min(state.view.iteration, newest()));
+export const maxStd = () => state.session?.max_std ?? 0.0025;
+
+// The trace's row of an iteration, or the last before it where it was not recorded.
+export function rowAt(iteration) {
+  const rows = state.rows;
+  let low = 0;
+  let high = rows.length - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (rows[middle].iteration <= iteration) low = middle;
+    else high = middle - 1;
+  }
+  return rows[low] ?? null;
+}
+
+const dark = matchMedia("(prefers-color-scheme: dark)");
+export const theme = () => (dark.matches ? "dark" : "light");
+export const onTheme = (hear) => dark.addEventListener("change", hear);
+
+export const partNamed = (name) => state.graph.parts.find((part) => part.name === name) ?? null;
+export const colour = (part) => (dark.matches ? part?.colour_dark : part?.colour) ?? "currentcolor";
+export const colourOf = (name) => colour(partNamed(name));
+export const partOfLink = (link) => state.graph.parts.find((part) => part.links.includes(link)) ?? null;

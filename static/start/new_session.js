@@ -1,0 +1,139 @@
+// What is a new session made of? A form over what the server keeps; its members are those of POST /api/v1/sessions.
+
+import { call } from "../session/api.js";
+import { find, h, keyed, say } from "../session/dom.js";
+import { trouble } from "./confirm.js";
+import { onChange, stored } from "./stored.js";
+import { aboutScan, count, when } from "./words.js";
+
+const NUMBERS = ["particles", "iterations", "seed"];
+
+const region = () => [...find("region").querySelectorAll("input")];
+const chosen = () => [...find("scan-choices").querySelectorAll("input:checked")].map((box) => box.value);
+const priorKind = () => find("create").elements.prior.value;
+
+export function fillForm() {
+  onChange(() => {
+    fillModels();
+    fillScans();
+  });
+  find("create").addEventListener("submit", create);
+  find("create").addEventListener("change", about);
+  find("bounds").addEventListener("click", useBounds);
+  find("no-region").addEventListener("click", () => region().forEach((input) => (input.value = "")));
+  find("prior-file").addEventListener("change", async (event) => {
+    const [file] = event.target.files;
+    if (file) setPrior(await file.text());
+  });
+  about();
+}
+
+function about() {
+  find("gaussian").hidden = priorKind() !== "gaussian";
+  const word = (id) => find(id).selectedOptions[0].textContent;
+  const numbers = `${find("particles").value} particles, ${find("iterations").value} iterations`;
+  say(find("inference-about"), `${word("method")}, ${word("preset")}, ${numbers}`);
+}
+
+function fillModels() {
+  const select = find("model");
+  const before = select.value;
+  const options = stored.models.map((model) =>
+    h("option", { value: model.id }, `${model.name} · ${count(model.parts.length, "part")} · ${when(model.created)}`),
+  );
+  select.replaceChildren(...(options.length ? options : [h("option", { value: "" }, "none yet: drop a URDF above")]));
+  if (stored.models.some((model) => model.id === before)) select.value = before;
+}
+
+function fillScans() {
+  find("no-scans").hidden = stored.scans.length > 0;
+  const box = (scan) => h("input", { type: "checkbox", value: scan.id });
+  const make = (scan) =>
+    h("li", {}, h("label", { class: "option" }, box(scan), h("span", {}, h("b"), h("span"))));
+  keyed(find("scan-choices"), stored.scans, (scan) => scan.id, make, (item, scan) => {
+    say(item.querySelector("b"), scan.file_name);
+    say(item.querySelector("span span"), `${aboutScan(scan)} · ${when(scan.created)}`);
+  });
+}
+
+export function chooseModel(id) {
+  find("model").value = id;
+}
+
+export function chooseScan(id) {
+  const box = [...find("scan-choices").querySelectorAll("input")].find((input) => input.value === id);
+  if (box) box.checked = true;
+}
+
+export function setPrior(text) {
+  let members = null;
+  try {
+    members = JSON.parse(text);
+  } catch {
+    // shown as it is; `create` says what is wrong
+  }
+  const kind = members?.kind === "uniform" ? members.orientation ?? "upright" : "gaussian";
+  find("create").elements.prior.value = kind === "any" ? "any" : kind === "gaussian" ? "gaussian" : "upright";
+  if (kind === "gaussian") find("prior-text").value = text;
+  about();
+}
+
+export function setRegion(numbers) {
+  region().forEach((input, place) => (input.value = numbers[place] ?? ""));
+}
+
+function useBounds() {
+  const ids = chosen();
+  const boxes = stored.scans.filter((scan) => ids.includes(scan.id)).map((scan) => scan.bounds);
+  if (!boxes.length) return trouble(find("create-trouble"), "Choose a scan first, whose bounds are to be taken.");
+  trouble(find("create-trouble"), "");
+  const most = (place) => (place < 3 ? Math.min : Math.max)(...boxes.map((box) => box[place]));
+  setRegion([0, 1, 2, 3, 4, 5].map((place) => most(place).toFixed(3)));
+}
+
+// The members that the server takes. Throws what is missing, where only the page can know it.
+function members() {
+  const scan_ids = chosen();
+  if (!find("model").value) throw new Error("A model is missing: drop a URDF, or a zip that holds one and its meshes.");
+  if (!scan_ids.length) throw new Error("A scan is missing: choose one, or drop a depth image or a point cloud.");
+  const asked = { model_id: find("model").value, scan_ids, method: find("method").value };
+  if (find("name").value.trim()) asked.name = find("name").value.trim();
+  for (const name of NUMBERS) {
+    const input = find(name);
+    if (!input.checkValidity()) throw new Error(`${input.labels[0].textContent}: ${input.validationMessage}`);
+    asked[name] = input.valueAsNumber;
+  }
+  if (find("preset").value !== "robust") asked.config = { preset: find("preset").value };
+  asked.prior = prior();
+  const box = region().map((input) => input.valueAsNumber);
+  const given = box.filter((number) => !Number.isNaN(number)).length;
+  if (given && given < 6) throw new Error(`The region of interest has ${given} of its 6 numbers: give all, or none.`);
+  if (given) asked.roi = box;
+  return asked;
+}
+
+function prior() {
+  const kind = priorKind();
+  if (kind !== "gaussian") return { kind: "uniform", orientation: kind };
+  const text = find("prior-text").value.trim();
+  if (!text) throw new Error("The Gaussian prior is empty: paste prior.json, or choose it as a file.");
+  try {
+    return JSON.parse(text);
+  } catch (error) {
+    throw new Error(`The Gaussian prior is not JSON: ${error.message}.`);
+  }
+}
+
+async function create(event) {
+  event.preventDefault();
+  const button = event.submitter ?? find("create").querySelector("[type=submit]");
+  trouble(find("create-trouble"), "");
+  button.disabled = true;
+  try {
+    const session = await call("/api/v1/sessions", { method: "POST", body: members() });
+    location.assign(session.view_url);
+  } catch (problem) {
+    trouble(find("create-trouble"), problem.message);
+  }
+  button.disabled = false;
+}

@@ -1,0 +1,340 @@
+"""Does a scene frame show what the iteration and the view state say, and nothing else?"""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+import pytest
+from scipy.stats import special_ortho_group
+
+from app.palette import PART_COLOURS, rgb
+from app.pictures.particle_picture import EXPLAINED, IN_FRONT, NOT_COVERED, SEEN_THROUGH
+from app.viewer.ellipsoids import ellipsoids, radius_scale
+from app.viewer.frames import BEST, estimated, frame
+from app.viewer.gizmos import HIGH, LOW, PRIOR, default_prior, default_region, dragged_prior, dragged_region
+from app.viewer.picking import AIM, picked
+from app.viewer.scan_points import fits
+from app.viewer.scene_frame import Axes, Ellipsoids, Frustum, Handle, Lines, Points, SceneFrame, Surface
+from app.viewer.view_state import LAYERS, ViewState, merged
+from pmpnbp.geometry import poses
+from tests.app.scenes import scene
+
+NAMES = ("frame", "drawer1", "drawer2", "drawer3")
+Kind = TypeVar("Kind")
+
+
+def shown(kind: type[Kind], found: SceneFrame, name: str) -> Kind:
+    (node,) = [node for node in found.nodes if node.name == name]
+    assert isinstance(node, kind)
+    return node
+
+
+def only(*layers: str, **change: Any) -> ViewState:
+    """A state that shows these layers and no others."""
+    return merged(ViewState(), {"show": {layer: layer in layers for layer in LAYERS}} | change)
+
+
+def drawn(state: ViewState, iteration: int = -1) -> SceneFrame:
+    whole = scene()
+    return frame(whole.snapshots[iteration], state, whole.stage)
+
+
+def tops(found: SceneFrame) -> set[str]:
+    return {node.name.split("/")[1] for node in found.nodes}
+
+
+def test_each_layer_draws_its_own() -> None:
+    assert tops(drawn(only())) == set()
+    alone = {
+        "scan": {"scan"}, "camera": {"camera"}, "image": set(), "particles": {"particles"}, "axes": {"axes"},
+        "estimate": {"estimate"}, "ellipsoids": {"ellipsoids"}, "truth": {"truth"}, "planes": {"planes"},
+        "region": {"region"}, "prior": {"prior"}, "messages": {"messages"},
+    }  # fmt: skip
+    assert set(alone) == set(LAYERS)
+    model = scene().stage.model
+    chosen = {
+        "part": "drawer1", "edge": ["frame", "drawer2"], "region": [-1, -1, 0, 1, 1, 1],
+        "prior": default_prior(model, scene().snapshots[-1].result["links"]),
+    }  # fmt: skip
+    for layer, expected in alone.items():
+        assert tops(drawn(only(layer, **chosen))) == expected, layer
+    assert tops(drawn(ViewState())) == {"scan", "camera", "particles", "estimate", "ellipsoids"}
+
+
+def test_what_is_not_there_is_not_drawn() -> None:
+    untold = replace(scene().snapshots[-1], truth=None)
+    assert tops(frame(untold, only("truth"), scene().stage)) == set()
+    assert tops(drawn(only("axes", "messages", "prior", "region"))) == set()
+    assert tops(drawn(only("messages", edge=["frame", "drawer2"]), 0)) == set()  # the start sends none
+
+
+def test_the_same_state_gives_the_same_frame_and_changes_nothing() -> None:
+    whole, state = scene(), only(*LAYERS, part="drawer2", particle=3, edge=["frame", "drawer2"])
+    before = arrays(whole.snapshots[-1].report)
+    one, other = frame(whole.snapshots[-1], state, whole.stage), frame(whole.snapshots[-1], state, whole.stage)
+    assert [node.name for node in one.nodes] == [node.name for node in other.nodes]
+    for a, b in zip(arrays(one.nodes), arrays(other.nodes), strict=True):
+        np.testing.assert_array_equal(a, b)
+    for a, b in zip(before, arrays(whole.snapshots[-1].report), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def arrays(value: Any) -> list[np.ndarray]:
+    """Copies of all arrays in a value."""
+    if isinstance(value, np.ndarray):
+        return [value.copy()]
+    if is_dataclass(value):
+        return [array for entry in fields(value) for array in arrays(getattr(value, entry.name))]
+    return [array for one in value for array in arrays(one)] if isinstance(value, tuple | list) else []
+
+
+def test_what_does_not_change_is_the_same_object() -> None:
+    one, other = drawn(ViewState(), 1), drawn(ViewState(), 5)
+    for name in ("/scan/0/object", "/scan/0/around"):
+        assert shown(Points, one, name).points is shown(Points, other, name).points
+        assert shown(Points, one, name).colours is shown(Points, other, name).colours
+    for number in range(4):
+        first, second = (shown(Surface, found, f"/estimate/{number}") for found in (one, other))
+        assert first.vertices is second.vertices and first.faces is second.faces
+        assert not np.array_equal(first.pose, second.pose)
+
+
+def test_particles_are_where_the_belief_has_them() -> None:
+    whole, found = scene(), drawn(only("particles"))
+    belief = whole.snapshots[-1].report.belief
+    assert found.particles == dict.fromkeys(NAMES, 40) and found.iteration == 5
+    for number, colour in enumerate(PART_COLOURS[:4]):
+        points = shown(Points, found, f"/particles/{number}")
+        assert points.points.dtype == np.float32 and points.exact
+        np.testing.assert_allclose(points.points, belief.poses[number, :, :3], atol=1e-6)
+        assert tuple(points.colours) == rgb(colour)
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_lighter_particles_are_paler(theme: str) -> None:
+    belief = scene().snapshots[-1].report.belief
+    found = shown(Points, drawn(only("particles", colour_particles="weight", theme=theme)), "/particles/1")
+    ground = np.array([243, 244, 246] if theme == "light" else [20, 24, 31])
+    distance = np.linalg.norm(found.colours.astype(float) - ground, axis=1)
+    order = np.argsort(belief.log_weights[1])
+    assert (np.diff(distance[order]) > -3).all()  # but for rounding to eight bits
+    assert distance[order[-1]] > 2 * distance[order[0]] > 0
+
+
+def test_the_estimate_is_where_the_result_has_it() -> None:
+    whole, found = scene(), drawn(only("estimate", part="drawer2"))
+    for number, name in enumerate(NAMES):
+        pose = whole.snapshots[-1].result["links"][name]["pose"]
+        surface = shown(Surface, found, f"/estimate/{number}")
+        np.testing.assert_allclose(surface.pose[:3], [pose["position"][axis] for axis in "xyz"])
+        np.testing.assert_allclose(surface.pose[3:], [pose["orientation"][axis] for axis in "wxyz"])
+        assert surface.colour == rgb(PART_COLOURS[number]) and 0 < surface.opacity < 1
+    widths = [shown(Lines, found, f"/estimate/{number}/edges").width for number in range(4)]
+    assert widths[2] > widths[0] == widths[1] == widths[3]
+
+
+def test_a_drawn_shape_is_the_parts_mesh() -> None:
+    for part, shape in zip(scene().stage.model.parts, scene().stage.shapes, strict=True):
+        assert shape is not None
+        np.testing.assert_allclose(shape.vertices.min(axis=0), part.mesh.vertices.min(axis=0), atol=1e-6)
+        np.testing.assert_allclose(shape.vertices.max(axis=0), part.mesh.vertices.max(axis=0), atol=1e-6)
+        assert len(shape.faces) == len(part.mesh.faces)
+        # boxes and cylinders: an edge of a box is a line, one along a cylinder's round is not
+        assert 12 <= len(shape.edges) < len(part.mesh.faces)
+
+
+@pytest.mark.parametrize("confidence", [0.3, 0.75, 0.95])
+def test_an_ellipsoid_holds_the_share_it_says(confidence: float) -> None:
+    rng = np.random.default_rng(5)
+    roots = rng.standard_normal((4, 3, 3)) * [1.0, 0.1, 0.01]
+    covariances = roots @ np.swapaxes(roots, 1, 2)
+    turns, radii = ellipsoids(covariances, confidence)
+    for covariance, turn, radius in zip(covariances, turns, radii, strict=True):
+        samples = rng.multivariate_normal(np.zeros(3), covariance, 20_000)
+        inside = np.linalg.norm(poses.rotate(turn * [1, -1, -1, -1], samples) / radius, axis=1) <= 1
+        # five standard deviations of a share of 20,000 samples
+        assert abs(inside.mean() - confidence) < 5 * np.sqrt(confidence * (1 - confidence) / 20_000)
+
+
+def test_an_ellipsoids_axes_are_those_of_its_covariance() -> None:
+    turn = special_ortho_group.rvs(3, random_state=3)
+    std = np.array([0.01, 0.02, 0.05])
+    turns, radii = ellipsoids((turn @ np.diag(std**2) @ turn.T)[None], 0.75)
+    np.testing.assert_allclose(radii[0], 2.0271 * std, rtol=1e-3)
+    assert radius_scale(0.75) == pytest.approx(2.0271, rel=1e-4)  # of a table of the chi-square distribution
+    found = np.stack([poses.rotate(turns[0], axis) for axis in np.eye(3)], axis=1)
+    np.testing.assert_allclose(np.abs(found.T @ turn), np.eye(3), atol=1e-9)
+    assert np.linalg.det(found) == pytest.approx(1)
+
+
+def test_ellipsoids_are_one_batch_about_the_estimate() -> None:
+    whole = scene()
+    near, far = (shown(Ellipsoids, drawn(only("ellipsoids", confidence=c)), "/ellipsoids") for c in (0.5, 0.95))
+    np.testing.assert_allclose(near.centres, estimated(whole.snapshots[-1], whole.stage)[:, :3], atol=1e-6)
+    np.testing.assert_allclose(far.radii / near.radii, radius_scale(0.95) / radius_scale(0.5), rtol=1e-4)
+    assert [tuple(colour) for colour in near.colours] == [rgb(colour) for colour in PART_COLOURS[:4]]
+    flat, radii = ellipsoids(np.zeros((2, 3, 3)), 0.75)
+    assert np.isfinite(flat).all() and (radii > 0).all()
+
+
+def test_the_axes_are_the_heaviest_particles() -> None:
+    belief = scene().snapshots[-1].report.belief
+    found = shown(Axes, drawn(only("axes", part="drawer2")), "/axes")
+    assert found.poses.shape == (BEST, 7)
+    heaviest = np.sort(belief.log_weights[2])[::-1][:BEST]
+    for pose, weight in zip(found.poses, heaviest, strict=True):
+        assert belief.log_weights[2][np.all(belief.poses[2] == pose, axis=1)].max() == weight
+
+
+def test_the_truth_is_where_the_links_really_are() -> None:
+    whole, found = scene(), drawn(only("truth"))
+    truth = whole.snapshots[-1].truth
+    assert truth is not None
+    for number, name in enumerate(NAMES):
+        lines = shown(Lines, found, f"/truth/{number}")
+        np.testing.assert_allclose(
+            poses.transform_points(lines.pose, lines.segments.astype(float)),
+            poses.transform_points(truth["links"][name], whole.stage.shapes[number].edges.astype(float)),  # type: ignore[union-attr]
+            atol=1e-6,
+        )
+
+
+def test_points_are_told_apart_by_how_the_estimate_fits_them() -> None:
+    whole = scene()
+    made, cloud = whole.snapshots[-1], whole.stage.scans[0]
+    assert made.truth is not None
+    right = np.stack([made.truth["links"][name] for name in NAMES])
+    towards = poses.rotate(cloud.camera.pose_world_camera[3:], np.array([0.0, 0.0, -0.1]))
+    nearer, farther = (right + np.concatenate([sign * towards, np.zeros(4)]) for sign in (1, -1))
+
+    def shares(part_poses: Any) -> dict[int, float]:
+        found = fits(cloud, made.problem.surfaces, part_poses, 0.012)
+        covered = found[found != NOT_COVERED]
+        assert 0.02 < len(covered) / len(found) < 0.6
+        return {kind: float((covered == kind).mean()) for kind in (EXPLAINED, IN_FRONT, SEEN_THROUGH)}
+
+    assert shares(right)[EXPLAINED] > 0.8  # the rest are edges, and noise
+    # a surface before the measured one is seen through; one behind it is hidden by it
+    assert shares(nearer)[SEEN_THROUGH] > 0.8
+    assert shares(farther)[IN_FRONT] > 0.8
+
+
+def test_a_scans_points_are_where_its_pixels_are() -> None:
+    whole = scene()
+    found, camera, depth = drawn(only("scan")), whole.scan.camera, whole.scan.depth
+    points = np.concatenate([shown(Points, found, f"/scan/0/{which}").points for which in ("object", "around")])
+    assert len(points) == whole.stage.scans[0].measured.sum() > 50_000
+    seen = camera.project(poses.transform_points(poses.inverse(camera.pose_world_camera), points.astype(float)))
+    columns, rows = seen[:, 0].round().astype(int), seen[:, 1].round().astype(int)
+    np.testing.assert_allclose(seen[:, :2], np.stack([columns, rows], axis=1), atol=2e-3)
+    np.testing.assert_allclose(depth[rows, columns], seen[:, 2], atol=1e-5)
+
+
+def test_the_frustum_is_the_scans_camera() -> None:
+    found, camera = shown(Frustum, drawn(only("camera")), "/camera/0"), scene().scan.camera
+    np.testing.assert_array_equal(found.pose, camera.pose_world_camera)
+    assert found.field_of_view == pytest.approx(2 * np.arctan(240 / 525), rel=1e-6)
+    assert found.aspect == pytest.approx(4 / 3) and found.image is None
+    assert shown(Frustum, drawn(only("camera", "image")), "/camera/0").image is not None
+
+
+def test_the_messages_of_an_edge_are_both_drawn_and_told_apart() -> None:
+    found = drawn(only("messages", edge=["drawer2", "frame"]))
+    messages = scene().snapshots[-1].report.messages
+    assert messages is not None and {node.name for node in found.nodes} == {"/messages/0-2", "/messages/2-0"}
+    colours = []
+    for number, (sender, receiver) in enumerate(zip(messages.sender, messages.receiver, strict=True)):
+        if {sender, receiver} == {0, 2}:
+            points = shown(Points, found, f"/messages/{sender}-{receiver}")
+            np.testing.assert_allclose(points.points, messages.poses[number, :, :3], atol=1e-6)
+            colours.append(tuple(points.colours[messages.log_weights[number].argmax()]))
+    assert set(colours) == {rgb(PART_COLOURS[0]), rgb(PART_COLOURS[2])}
+
+
+def test_the_selected_particle_is_marked() -> None:
+    found = drawn(only(part="drawer3", particle=17))
+    pose = scene().snapshots[-1].report.belief.poses[3, 17]
+    np.testing.assert_allclose(shown(Ellipsoids, found, "/selected/mark").centres[0], pose[:3], atol=1e-6)
+    np.testing.assert_array_equal(shown(Lines, found, "/selected/edges").pose, pose)
+    assert tops(drawn(only(part="drawer3", particle=40))) == set()  # there are 40
+
+
+def test_another_iteration_lies_over_it_in_grey() -> None:
+    whole = scene()
+    other = whole.snapshots[1]
+    found = frame(whole.snapshots[-1], only("estimate", "ellipsoids"), whole.stage, compared=(other, whole.stage))
+    for number, pose in enumerate(estimated(other, whole.stage)):
+        ghost, own = (shown(Surface, found, f"/{name}/{number}") for name in ("compare", "estimate"))
+        np.testing.assert_array_equal(ghost.pose, pose)
+        assert ghost.opacity < own.opacity and max(ghost.colour) - min(ghost.colour) < 32
+    assert shown(Ellipsoids, found, "/compare/ellipsoids").radii.shape == (4, 3)
+
+
+def test_support_planes_are_drawn_where_they_are() -> None:
+    planes = scene().snapshots[-1].problem.observation.planes
+    found = drawn(only("planes"))
+    assert len(planes) >= 1
+    for number, plane in enumerate(planes):
+        corners = shown(Surface, found, f"/planes/{number}").vertices
+        np.testing.assert_allclose(corners @ plane[:3] + plane[3], 0, atol=1e-5)
+        assert np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[1])) > 0.5
+
+
+def test_region_and_prior_can_be_dragged() -> None:
+    region = (-1.0, -1.0, 0.0, 1.0, 1.0, 2.0)
+    found = drawn(only("region", region=region))
+    np.testing.assert_array_equal(shown(Handle, found, LOW).pose[:3], region[:3])
+    np.testing.assert_array_equal(shown(Handle, found, HIGH).pose[:3], region[3:])
+    assert len(shown(Lines, found, "/region/box").segments) == 12
+    assert dragged_region(region, LOW, np.array([-2, 0, 1])) == (-2, 0, 1, 1, 1, 2)
+    assert dragged_region(region, HIGH, np.array([3, 0, 1])) == (-1, -1, 0, 3, 0, 1)
+    for corner in (LOW, HIGH):  # past the other corner
+        box = dragged_region(region, corner, np.array([9.0, -9.0, 9.0] if corner == LOW else [-9.0, 9.0, -9.0]))
+        assert all(low < high for low, high in zip(box[:3], box[3:], strict=True))
+
+    made = scene().snapshots[-1]
+    assert default_region(made.problem.observation) == pytest.approx(made.problem.observation.region, abs=1e-4)
+    prior = default_prior(scene().stage.model, made.result["links"])
+    handle = shown(Handle, drawn(only("prior", prior=prior)), PRIOR)
+    np.testing.assert_allclose(handle.pose, estimated(made, scene().stage)[0], atol=1e-6)
+    moved = poses.from_xyz_rpy([1.0, 2.0, 3.0], [0.0, 0.0, 0.5])
+    handle = shown(Handle, drawn(only("prior", prior=dragged_prior(prior, moved))), PRIOR)
+    np.testing.assert_allclose(handle.pose, moved, atol=1e-5)
+
+
+def test_the_view_begins_behind_and_above_the_camera() -> None:
+    whole = scene()
+    eye, camera = whole.stage.eye, whole.scan.camera.pose_world_camera
+    target = np.array(eye.look_at)
+    assert np.linalg.norm(np.array(eye.position) - target) > 1.2 * np.linalg.norm(camera[:3] - target)
+    assert eye.position[2] > camera[2] and eye.up == (0, 0, 1)
+    ahead = poses.rotate(camera[3:], np.array([0.0, 0.0, 1.0]))
+    sight = target - np.array(eye.position)
+    assert ahead @ sight / np.linalg.norm(sight) > 0.85
+
+
+def test_a_click_picks_the_particle_it_is_aimed_at() -> None:
+    found = drawn(only("particles", "estimate"))
+    targets, eye = found.targets, np.array(scene().stage.eye.position)
+    aim = targets.particles[2, 5] - eye
+    part, particle = picked(targets, eye, 3 * aim) or (None, None)
+    assert part is not None and particle is not None
+    chosen = targets.particles[part, particle] - eye
+    cosine = chosen @ aim / np.linalg.norm(chosen) / np.linalg.norm(aim)
+    assert np.arccos(min(cosine, 1.0)) < 1e-6
+    assert picked(targets, eye, -aim) is None  # behind the eye
+    hidden = replace(targets, particles_shown=False, estimate_shown=False)
+    assert picked(hidden, eye, aim) is None
+
+
+def test_a_click_beside_all_particles_picks_the_part_in_front() -> None:
+    whole, found = scene(), drawn(only("particles", "estimate"))
+    # the cabinet's top, from above: the drawers lie below it
+    eye = estimated(whole.snapshots[-1], whole.stage)[0][:3] + [0.05, 0.1, 5.0]
+    assert picked(found.targets, eye, np.array([0.0, 0.0, -1.0])) == (0, None)
+    assert picked(drawn(only("particles")).targets, eye, np.array([0.0, 0.0, -1.0])) is None
+    aside = np.array([np.sin(0.5), 0.0, -np.cos(0.5)])
+    assert picked(found.targets, eye, aside) is None
+    assert 0.003 < AIM < 0.02

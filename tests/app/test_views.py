@@ -1,0 +1,345 @@
+"""Does a view show over REST, in events and in the scene what was asked of it, and only while somebody looks?"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+import viser
+import websockets.asyncio.client
+from websockets.exceptions import ConnectionClosed
+
+from app.viewer import painter as painter_module
+from app.viewer.gizmos import LOW, PRIOR
+from tests.app import small_sessions as small
+
+PROTOCOL = f"viser-v{viser.__version__}"
+
+
+@pytest.fixture(scope="module")
+def served(serve_for_module: Callable[..., Any]) -> Any:
+    return serve_for_module().ready()
+
+
+@pytest.fixture(scope="module")
+def path(served: Any) -> str:
+    """A session after a few iterations, which no test takes further."""
+    path = small.create(served.client)
+    small.step(served.client, path, 5)
+    return path
+
+
+def until(asked: Callable[[], Any]) -> Any:
+    """What `asked` gives as soon as that is something."""
+    while not (found := asked()):
+        time.sleep(small.PATIENCE)
+    return found
+
+
+def state(served: Any, view: str, **change: Any) -> dict[str, Any]:
+    """The view's state, after a change where one is given."""
+    answer = served.client.patch(view, json=change) if change else served.client.get(view)
+    assert answer.status_code == 200, answer.text
+    found: dict[str, Any] = answer.json()
+    return found
+
+
+def drawn(served: Any, view: str, iteration: int) -> dict[str, Any]:
+    """What is drawn, once it is that iteration."""
+    return until(lambda: (found := state(served, view)["drawn"]) and found["iteration"] == iteration and found)
+
+
+@contextmanager
+def looking(served: Any, view: str, reads: bool = True) -> Iterator[None]:
+    """A browser's websocket on a view, which reads what it is sent, or nothing."""
+    session_id, view_id = view.split("/")[4], view.split("/")[6]
+    address = served.url.replace("http", "ws") + f"/sessions/{session_id}/view/{view_id}/"
+    ended = threading.Event()
+
+    async def look() -> None:
+        options = {
+            "subprotocols": [PROTOCOL],
+            "max_size": None,
+            "proxy": None,
+            "compression": None,
+            "max_queue": 1,
+            "close_timeout": 1,
+        }
+        async with websockets.asyncio.client.connect(address, origin=served.url, **options) as socket:  # type: ignore[arg-type]
+            while not ended.is_set():
+                try:
+                    await asyncio.wait_for(socket.recv() if reads else asyncio.sleep(1), 0.05)
+                except TimeoutError:
+                    continue
+                except ConnectionClosed:  # its session was deleted
+                    return
+
+    thread = threading.Thread(target=lambda: asyncio.run(look()))
+    thread.start()
+    until(lambda: state(served, view)["clients"])
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def test_a_new_view_has_what_the_session_has(served: Any, path: str) -> None:
+    found = state(served, f"{path}/views/new")
+    assert found["region"] == small.REGION and found["prior"] is None and found["iteration"] is None
+    assert found["drawn"] is None and found["clients"] == 0 and found["error"] is None
+    prior = {
+        "kind": "gaussian", "link": "frame", "std_xyz": [0.1] * 3, "std_rpy": [0.1] * 3,
+        "pose": served.client.get(f"{path}/estimate").json()["links"]["frame"]["pose"],
+    }  # fmt: skip
+    given = small.create(served.client, prior=prior)
+    assert state(served, f"{given}/views/new")["prior"] == prior
+
+
+def test_a_change_is_merged_and_kept(served: Any, path: str) -> None:
+    view = f"{path}/views/kept"
+    changed = state(served, view, iteration=3, show={"axes": True}, part="drawer2", particle=7, theme="dark")
+    assert changed["show"]["axes"] and changed["show"]["scan"] and changed["particle"] == 7
+    again = state(served, view, confidence=0.5)
+    assert again == changed | {"confidence": 0.5} == state(served, view)
+    assert state(served, f"{path}/views/other")["iteration"] is None  # each view has its own
+    assert state(served, view, iteration=None)["iteration"] is None
+
+
+@pytest.mark.parametrize(
+    ("change", "status", "sentence"),
+    [
+        ({"colour": "red"}, 422, "colour in the body"),
+        ({"show": {"grid": True}}, 422, "show.grid"),
+        ({"show": {"scan": None}}, 422, "show.scan"),
+        ({"part": "lid"}, 422, "part 'lid' is not in the model; it has frame, drawer1, drawer2, drawer3"),
+        ({"edge": ["drawer1", "drawer2"]}, 422, "no joint connects 'drawer1' and 'drawer2'; there are frame-drawer1"),
+        ({"particle": 3}, 422, "particle 3 is of no part"),
+        ({"region": [0, 0, 0, 1, 1, 0]}, 422, "x0 < x1"),
+        ({"prior": {"kind": "gaussian", "link": "lid"}}, 422, "link 'lid' of the prior is not in the model"),
+        ({"compare": {"session_id": "fedcba9876543210"}}, 404, "fedcba9876543210"),
+        ({"camera": {"position": [1, 1, 1], "look_at": [1, 1, 1], "up": [0, 0, 1]}}, 422, "looks nowhere"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused(
+    served: Any, path: str, change: dict[str, Any], status: int, sentence: str
+) -> None:
+    view = f"{path}/views/refused"
+    before = state(served, view)
+    answer = served.client.patch(view, json=change)
+    assert answer.status_code == status and sentence in answer.json()["detail"]
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert state(served, view) == before
+
+
+def test_what_is_not_here_is_404(served: Any, path: str) -> None:
+    for kind in ("", "/events", "/scene.html"):
+        answer = served.client.get(f"/api/v1/sessions/fedcba9876543210/views/a{kind}")
+        assert answer.status_code == 404 and "fedcba9876543210" in answer.json()["detail"]
+        assert served.client.get(f"{path}/views/a.b{kind}").status_code == 404
+
+
+def test_nothing_is_drawn_while_nobody_looks(served: Any) -> None:
+    path = small.create(served.client)
+    view = f"{path}/views/unseen"
+    state(served, view, confidence=0.5)
+    small.step(served.client, path, 2)
+    assert state(served, view)["drawn"] is None
+    with looking(served, view):
+        assert drawn(served, view, 2)["particles"] == dict.fromkeys(("frame", "drawer1", "drawer2", "drawer3"), 40)
+        small.step(served.client, path)
+        serial = drawn(served, view, 3)["serial"]
+        state(served, view, hidden=True)
+        small.step(served.client, path)
+        time.sleep(3 / painter_module.RATE)
+        assert state(served, view)["drawn"]["serial"] == serial
+        state(served, view, hidden=False)
+        drawn(served, view, 4)
+    until(lambda: state(served, view)["clients"] == 0)
+    small.step(served.client, path)
+    time.sleep(3 / painter_module.RATE)
+    assert state(served, view)["drawn"]["iteration"] == 4
+
+
+def test_a_view_stays_at_its_iteration_and_others_at_theirs(served: Any) -> None:
+    path = small.create(served.client)
+    small.step(served.client, path, 4)
+    old, live = f"{path}/views/old", f"{path}/views/live"
+    state(served, old, iteration=2)
+    with looking(served, old), looking(served, live):
+        drawn(served, old, 2)
+        drawn(served, live, 4)
+        small.step(served.client, path)
+        drawn(served, live, 5)
+        assert state(served, old)["drawn"]["iteration"] == 2
+        state(served, old, iteration=1)
+        drawn(served, old, 1)
+        state(served, old, iteration=None, show={"particles": False})
+        assert drawn(served, old, 5)["particles"] == {}
+        # iterations that are no more: the newest there is
+        state(served, live, iteration=5)
+        served.client.post(f"{path}/reset")
+        drawn(served, live, 0)
+
+
+def test_a_failure_is_told_and_ends_nothing(
+    served: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = small.create(served.client)
+    view = f"{path}/views/failing"
+    real = painter_module.frame
+
+    def failing(made: Any, *arguments: Any, **options: Any) -> Any:
+        if made.iteration == 2:
+            raise RuntimeError("no ink")
+        return real(made, *arguments, **options)
+
+    monkeypatch.setattr(painter_module, "frame", failing)
+    with looking(served, view):
+        small.step(served.client, path)
+        drawn(served, view, 1)
+        assert small.step(served.client, path)["state"] == "paused"
+        error = until(lambda: state(served, view)["error"])
+        assert error == "the scene could not be drawn: RuntimeError: no ink"
+        assert state(served, view)["drawn"]["iteration"] == 1
+        small.step(served.client, path)
+        drawn(served, view, 3)
+        assert until(lambda: state(served, view)["error"] is None)
+    assert "cannot be drawn" in caplog.text
+
+
+def test_a_client_that_reads_nothing_delays_nobody(served: Any) -> None:
+    path = small.create(served.client)
+    slow, quick = f"{path}/views/slow", f"{path}/views/quick"
+    with looking(served, slow, reads=False), looking(served, quick):
+        for iteration in range(1, 7):
+            small.step(served.client, path)
+            drawn(served, quick, iteration)
+        drawn(served, slow, 6)  # in viser, ready for when it reads
+
+
+def test_events_tell_of_changes_and_of_what_is_drawn(served: Any, path: str) -> None:
+    view = f"{path}/views/told"
+    events: list[tuple[str, Any]] = []
+    with httpx.Client(base_url=served.url, timeout=None) as client, client.stream("GET", f"{view}/events") as stream:
+        assert stream.headers["content-type"].startswith("text/event-stream")
+        thread = threading.Thread(target=gather, args=(stream, events, 4))
+        thread.start()
+        until(lambda: events)
+        assert events[0] == ("view", state(served, view))
+        state(served, view, part="drawer1")
+        until(lambda: len(events) > 1)
+        assert events[1][0] == "view" and events[1][1]["part"] == "drawer1"
+        with looking(served, view):
+            until(lambda: [kind for kind, _ in events if kind == "drawn"])
+            thread.join()
+    assert next(data for kind, data in events if kind == "drawn")["iteration"] == 5
+
+
+def gather(stream: Any, events: list[tuple[str, Any]], least: int) -> None:
+    """Add (kind, data) of each event until there are `least`, and one of them tells of what was drawn."""
+    kind = ""
+    for line in stream.iter_lines():
+        name, _, value = line.partition(": ")
+        if name == "event":
+            kind = value
+        elif name == "data":
+            events.append((kind, json.loads(value)))
+            if len(events) >= least and any(kind == "drawn" for kind, _ in events):
+                return
+
+
+def test_the_scene_is_a_page_that_needs_nothing(served: Any, path: str) -> None:
+    view = f"{path}/views/exported"
+    state(served, view, iteration=3)
+    answer = served.client.get(f"{view}/scene.html")
+    assert answer.status_code == 200 and answer.headers["content-type"].startswith("text/html")
+    assert 'filename="' in answer.headers["content-disposition"] and "-3.html" in answer.headers["content-disposition"]
+    assert answer.text.count("</html>") == 1 and len(answer.text) > 900_000  # viser's page, and the scene in it
+    assert state(served, view)["drawn"]["iteration"] == 3
+
+
+def test_another_session_lies_over_it(served: Any, path: str) -> None:
+    other = small.create(served.client, seed=12)
+    view, id = f"{path}/views/both", other.rsplit("/", 1)[1]
+    with looking(served, view):
+        serial = drawn(served, view, 5)["serial"]
+        state(served, view, compare={"session_id": id, "iteration": None})
+        until(lambda: state(served, view)["drawn"]["serial"] > serial)
+        assert "/compare/0" in nodes(served, view)
+        state(served, view, compare={"session_id": path.rsplit("/", 1)[1], "iteration": 2})
+        until(lambda: state(served, view)["drawn"]["serial"] > serial + 1)
+        state(served, view, compare=None)
+        until(lambda: "/compare/0" not in nodes(served, view))
+
+
+def nodes(served: Any, view: str) -> dict[str, Any]:
+    return dict(painter(served, view)._drawing._nodes)
+
+
+def painter(served: Any, view: str) -> Any:
+    views = served.app.state.views
+    return views.painter(views._views[view.split("/")[4], view.split("/")[6]])
+
+
+def test_a_click_in_the_scene_selects(served: Any, path: str) -> None:
+    """As viser calls us: with the ray of the click."""
+    view = f"{path}/views/clicked"
+    with looking(served, view):
+        drawn(served, view, 5)
+        eye = np.array([3.0, 2.0, 2.0])
+        belief = served.client.get(f"{path}/beliefs/drawer2").json()["particles"]
+        aim = np.array(belief[13][:3]) - eye
+        painter(served, view)._clicked(SimpleNamespace(ray_origin=tuple(eye), ray_direction=tuple(aim)))
+        found = state(served, view)
+        chosen = np.array(
+            served.client.get(f"{path}/beliefs/{found['part']}").json()["particles"][found["particle"]][:3]
+        )
+        np.testing.assert_allclose(np.cross(chosen - eye, aim) / np.linalg.norm(aim) ** 2, 0, atol=1e-6)
+        painter(served, view)._clicked(SimpleNamespace(ray_origin=tuple(eye), ray_direction=tuple(-aim)))
+        assert state(served, view)["particle"] == found["particle"]  # nothing is there: what was selected stays
+
+
+def test_handles_that_are_dragged_change_the_state(served: Any, path: str) -> None:
+    view = f"{path}/views/dragged"
+    with looking(served, view):
+        first = state(served, view, show={"region": True, "prior": True})
+        assert first["prior"]["link"] == "frame"
+        until(lambda: (found := state(served, view)["drawn"]) and found["serial"] and PRIOR in nodes(served, view))
+        pose = np.array([-0.5, -0.4, -0.3, 1, 0, 0, 0])
+        painter(served, view)._dragged(LOW, pose, True)
+        assert state(served, view)["region"] == [-0.5, -0.4, -0.3, *small.REGION[3:]]
+        painter(served, view)._dragged(PRIOR, pose, True)
+        moved = state(served, view)["prior"]
+        assert moved["pose"]["position"] == {"x": -0.5, "y": -0.4, "z": -0.3}
+        assert moved["pose"]["orientation"] == {"x": 0, "y": 0, "z": 0, "w": 1}
+        # and it is a prior that a session takes
+        small.create(served.client, prior=moved)
+
+
+def test_a_deleted_session_ends_its_views(served: Any) -> None:
+    path = small.create(served.client)
+    view = f"{path}/views/doomed"
+    with looking(served, view):
+        drawn(served, view, 0)
+        thread = painter(served, view)._thread
+        assert served.client.delete(path).status_code == 204
+        thread.join()
+    assert served.client.get(view).status_code == 404
+
+
+def test_views_that_nobody_keeps_make_room(serve: Callable[..., Any]) -> None:
+    served = serve(max_clients=4).ready()
+    path = small.create(served.client)
+    for number in range(9):
+        state(served, f"{path}/views/v{number}")
+    assert len(served.app.state.views) == 4

@@ -1,0 +1,144 @@
+"""A real browser for tests: the system's Chromium, driven by Playwright, and pages that tolerate no error.
+
+Playwright's synchronous interface belongs to the thread that started it: the browser is the test session's, started
+once, and every test has a context of its own, with storage and cookies of its own.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+from playwright.sync_api import Browser, BrowserContext, Locator, Page, sync_playwright
+
+from tests.servers import Served, serving
+
+# In the order of .ci/browser.
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+# Without a GPU: the 3D view is drawn by SwiftShader. /dev/shm is small in containers, and a full one crashes pages.
+OPTIONS = [
+    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--disable-dev-shm-usage",
+]  # fmt: skip
+DESK, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
+# A test that waits for what does not come ends by this, in milliseconds; it is no measure of speed.
+PATIENCE = 60_000
+
+
+@dataclass
+class Troubles:
+    """What went wrong in a page that a person might not have seen. expected : texts that a test brought about itself"""
+
+    found: list[str] = field(default_factory=list)
+    expected: list[str] = field(default_factory=list)
+
+    def expect(self, text: str) -> None:
+        """Tolerate what holds `text`."""
+        self.expected.append(text)
+
+    def watch(self, page: Page) -> None:
+        """Note console errors, exceptions of scripts, and requests that failed or were refused."""
+
+        def told(message: Any) -> None:
+            if message.type == "error":
+                self.found.append(f"console: {message.text} ({message.location.get('url', '')})")
+
+        def failed(request: Any) -> None:
+            # what a page gives up itself, as when it is left, is no failure
+            if "ERR_ABORTED" not in (request.failure or ""):
+                self.found.append(f"request: {request.url} {request.failure}")
+
+        def answered(response: Any) -> None:
+            if response.status >= 400:
+                self.found.append(f"answer: {response.status} {response.url}")
+
+        page.on("console", told)
+        page.on("pageerror", lambda error: self.found.append(f"script: {error}"))
+        page.on("requestfailed", failed)
+        page.on("response", answered)
+
+    def unexpected(self) -> list[str]:
+        """What no test expected."""
+        return [one for one in self.found if not any(text in one for text in self.expected)]
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """Chromium. Without one the tests skip on a desk, and fail where the environment has CI set."""
+    path = next((found for found in map(shutil.which, NAMES) if found), None)
+    if path is None:
+        sentence = f"no browser is there: none of {', '.join(NAMES)} is on the path; .ci/browser installs one"
+        if os.environ.get("CI"):
+            pytest.fail(sentence)
+        pytest.skip(sentence)
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=path, args=OPTIONS)
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def troubles() -> Iterator[Troubles]:
+    """What went wrong in any page of the test; the test fails at its end for what it did not expect."""
+    troubles = Troubles()
+    yield troubles
+    assert not troubles.unexpected(), "\n".join(troubles.unexpected())
+
+
+@pytest.fixture
+def new_page(browser: Browser, troubles: Troubles) -> Iterator[Callable[..., Page]]:
+    """A function that opens an empty page in a context of its own, with the options of `Browser.new_context`."""
+    contexts: list[BrowserContext] = []
+
+    def open_page(**options: Any) -> Page:
+        # how a page moves is nothing that these tests look at
+        settings = {"viewport": DESK, "reduced_motion": "reduce", "service_workers": "block"} | options
+        context = browser.new_context(**settings)
+        context.set_default_timeout(PATIENCE)
+        contexts.append(context)
+        page = context.new_page()
+        troubles.watch(page)
+        return page
+
+    yield open_page
+    for context in contexts:
+        context.close()
+
+
+@pytest.fixture
+def page(new_page: Callable[..., Page]) -> Page:
+    """An empty page of 1440 by 900 pixels, in light colours."""
+    return new_page(color_scheme="light")
+
+
+@pytest.fixture(scope="module")
+def serve_for_module(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Served]]:
+    """A function that starts a server with the settings it is given, each with a data directory of its own."""
+    with ExitStack() as stack:
+        yield lambda **settings: stack.enter_context(serving(tmp_path_factory.mktemp("data")))(**settings)
+
+
+@pytest.fixture(scope="module")
+def served(serve_for_module: Callable[..., Served]) -> Served:
+    """The server of a file's tests, ready to iterate, without a token."""
+    return serve_for_module().ready()
+
+
+def pixels(shown: Page | Locator) -> NDArray[np.uint8]:
+    """What is to be seen, (height, width, 3)."""
+    image = Image.open(io.BytesIO(shown.screenshot())).convert("RGB")
+    return np.asarray(image)
+
+
+def scrolls_sideways(page: Page) -> bool:
+    """Whether something is wider than the window."""
+    return bool(page.evaluate("document.documentElement.scrollWidth > document.documentElement.clientWidth"))

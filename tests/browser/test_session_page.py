@@ -1,0 +1,395 @@
+"""Does a session's page show how a belief forms, go back in time, and tell why? As a person would ask: by clicking,
+dragging and pressing keys."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from tests.app import small_sessions as small
+from tests.browser.conftest import PATIENCE, PHONE, Troubles, pixels, scrolls_sideways
+from tests.servers import Served
+
+expect.set_options(timeout=PATIENCE)
+
+
+@pytest.fixture
+def session(served: Served) -> str:
+    """The path of a session that has made six iterations."""
+    path = small.create(served.client, name="a cabinet", iterations=12)
+    small.step(served.client, path, 6)
+    return path
+
+
+def opened(page: Page, served: Served, session: str, query: str = "") -> Page:
+    """The session's page, once it has heard from the server."""
+    page.goto(served.url + served.client.get(session).json()["view_url"] + query)
+    page.locator("body[data-ready]").wait_for()
+    return page
+
+
+def view(page: Page, served: Served) -> dict[str, Any]:
+    """What the server says that this page's 3D view shows."""
+    frame = page.locator("#scene").get_attribute("src") or ""
+    _, _, id, _, name, *_ = frame.split("/")
+    found: dict[str, Any] = served.client.get(f"/api/v1/sessions/{id}/views/{name}").json()
+    return found
+
+
+def wait(page: Page, so: Callable[[], bool]) -> None:
+    """Until it is so; a test that waits in vain ends by an error."""
+    for _ in range(PATIENCE // 50):
+        if so():
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError("it has not become so")
+
+
+def tab(page: Page, name: str) -> Locator:
+    """A tab's panel, opened."""
+    page.get_by_role("tab", name=name).click()
+    return page.get_by_role("tabpanel", name=name)
+
+
+def test_the_page_shows_state_numbers_and_the_scene(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    expect(page.get_by_role("heading", level=1)).to_have_text("a cabinet")
+    expect(page.locator("#progress-number")).to_have_text("6")
+    estimate = served.client.get(f"{session}/estimate").json()
+    for name, link in estimate["links"].items():
+        row = page.locator("#links tr", has=page.get_by_role("rowheader", name=name))
+        expect(row.locator("td").nth(1)).to_have_text(re.compile(f"^{link['visible_fraction'] * 100:.0f}\\s%$"))
+        expect(row.locator("td").nth(2)).to_have_text("certain" if link["certain"] else "not yet")
+    expect(page.locator("#joints tr")).to_have_count(3)
+    wait(page, lambda: (view(page, served)["drawn"] or {}).get("iteration") == 6)
+    wait(page, lambda: float(pixels(page.locator("#scene")).std()) > 5)
+
+
+def test_step_run_and_pause(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    page.get_by_role("button", name="Step").click()
+    expect(page.locator("#progress-number")).to_have_text("7")
+    expect(page.locator("#shown")).to_have_text(re.compile("7 / 7"))
+    page.get_by_role("button", name="Run…").click()
+    page.get_by_role("spinbutton", name="Iterations", exact=True).fill("3")
+    page.locator("#run-some").get_by_role("button", name="Run").click()
+    wait(page, lambda: served.client.get(session).json()["iteration"] == 10)
+    expect(page.locator("#progress-number")).to_have_text("10")
+    page.get_by_role("button", name="Run…").click()
+    page.get_by_role("button", name="Run until at rest").click()
+    expect(page.locator("#state-word")).to_have_text(re.compile("paused|at rest"))
+    small.at_rest(served.client, session)
+
+    page.locator("#run-open").click()
+    page.get_by_role("spinbutton", name="Iterations", exact=True).fill("5000")
+    page.get_by_role("spinbutton", name="Iterations", exact=True).press("Enter")
+    expect(page.locator("#state-word")).to_have_text("iterating")
+    page.get_by_role("button", name="Pause").click()
+    expect(page.locator("#state-word")).to_have_text(re.compile("paused|at rest"))
+    assert small.at_rest(served.client, session)["state"] == "paused"
+
+
+def test_reset_asks_first(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    page.get_by_role("button", name="Reset").click()
+    page.get_by_role("button", name="Keep it").click()
+    assert served.client.get(session).json()["iteration"] == 6
+    page.get_by_role("button", name="Reset").click()
+    page.locator("#really-reset").get_by_role("button", name="Reset").click()
+    expect(page.locator("#progress-number")).to_have_text("0")
+    expect(page.locator("#shown")).to_have_text(re.compile("0 / 0"))
+
+
+def test_the_timeline_goes_back_while_it_goes_on(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    page.get_by_role("slider", name="Iteration").fill("2")
+    expect(page.locator("#shown")).to_have_text(re.compile("2 / 6"))
+    expect(page.get_by_role("button", name="Live")).to_have_attribute("aria-pressed", "false")
+    wait(page, lambda: (view(page, served)["drawn"] or {}).get("iteration") == 2)
+    std = max(served.client.get(f"{session}/estimate?iteration=2").json()["links"]["frame"]["std_xyz"]) * 1000
+    expect(page.locator("#links tr").first.locator("td").first).to_have_text(re.compile(re.escape(written(std))))
+    small.step(served.client, session, 1)
+    expect(page.locator("#shown")).to_have_text(re.compile("2 / 7"))
+    page.get_by_role("button", name="Live").click()
+    expect(page.locator("#shown")).to_have_text(re.compile("7 / 7"))
+    wait(page, lambda: view(page, served)["drawn"]["iteration"] == 7)
+
+
+def written(std: float) -> str:
+    """Millimetres as the page has them: without a place from 100 on."""
+    return f"{std:.0f}" if std >= 100 else f"{std:.1f}"
+
+
+def test_it_is_played_back(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    page.get_by_label("Speed of playing back").select_option("25")
+    page.get_by_role("button", name="Play back", exact=True).click()
+    expect(page.get_by_role("button", name="Stop playing back")).to_be_visible()
+    expect(page.get_by_role("button", name="Play back", exact=True)).to_be_visible()
+    expect(page.locator("#shown")).to_have_text(re.compile("6 / 6"))
+
+
+def test_keys(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    page.keyboard.press("ArrowLeft")
+    expect(page.locator("#shown")).to_have_text(re.compile("5 / 6"))
+    page.keyboard.press("Shift+ArrowLeft")
+    expect(page.locator("#shown")).to_have_text(re.compile("0 / 6"))
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#shown")).to_have_text(re.compile("1 / 6"))
+    page.keyboard.press("l")
+    expect(page.locator("#shown")).to_have_text(re.compile("6 / 6"))
+    page.keyboard.press("s")
+    expect(page.locator("#shown")).to_have_text(re.compile("7 / 7"))
+    page.keyboard.press("?")
+    expect(page.get_by_role("dialog", name="Keyboard")).to_be_visible()
+    page.keyboard.press("Escape")
+    expect(page.locator("#state-word")).to_have_text(re.compile("paused|at rest"))
+    page.keyboard.press("Space")
+    wait(page, lambda: served.client.get(session).json()["iteration"] == 12)
+    expect(page.locator("#shown")).to_have_text(re.compile("12 / 12"))
+
+
+def test_plots_have_a_line_per_part_and_a_cursor(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    graph = served.client.get(f"{session}/graph").json()
+    plot = page.locator("[data-plot=std] canvas")
+    wait(page, lambda: all(has_colour(plot, part["colour"]) for part in graph["parts"]))
+    expect(page.locator(".plot:visible")).to_have_count(4)
+    before = pixels(plot)
+    box = plot.bounding_box()
+    assert box is not None
+    page.mouse.click(box["x"] + 34 + (box["width"] - 42) / 2, box["y"] + 40)
+    expect(page.locator("#shown")).to_have_text(re.compile("3 / 6"))
+    wait(page, lambda: not np.array_equal(pixels(plot), before))
+
+
+def has_colour(place: Locator, colour: str) -> bool:
+    wanted = np.array([int(colour[at : at + 2], 16) for at in (1, 3, 5)])
+    return bool((np.abs(pixels(place).astype(int) - wanted).max(axis=-1) < 12).any())
+
+
+def test_the_graph_opens_a_belief(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    node = page.get_by_role("button", name=re.compile("^drawer2, (not )?certain, standard deviation"))
+    node.focus()
+    page.keyboard.press("Enter")
+    expect(node).to_have_attribute("aria-pressed", "true")
+    expect(page.get_by_role("heading", name="drawer2", exact=True)).to_be_visible()
+    names = [one["name"] for one in served.client.get(f"{session}/beliefs/drawer2/marginals").json()["marginals"]]
+    assert {"x", "y", "z", "roll", "pitch", "yaw"} < set(names)
+    expect(page.locator("#marginals figure")).to_have_count(len(names))
+    expect(page.locator("#modes li").first).to_be_visible()
+    wait(page, lambda: view(page, served)["part"] == "drawer2")
+    page.get_by_role("button", name="Back to all links").click()
+    expect(page.locator("#links tr")).to_have_count(7)
+
+
+def test_an_edge_opens_its_two_messages(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    page.get_by_role("button", name=re.compile("between frame and drawer3")).click()
+    expect(page.get_by_role("heading", name="frame says where drawer3 is")).to_be_visible()
+    expect(page.get_by_role("heading", name="drawer3 says where frame is")).to_be_visible()
+    expect(page.locator(".message .scatter circle").first).to_be_attached()
+    wait(page, lambda: view(page, served)["edge"] == ["frame", "drawer3"])
+    assert view(page, served)["show"]["messages"]
+
+
+def test_why_a_particle_weighs_what_it_does(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    panel = tab(page, "Why")
+    panel.get_by_role("button", name="drawer1", exact=True).click()
+    best = served.client.get(f"{session}/beliefs/drawer1/particles?limit=3").json()["particles"]
+    rows = panel.get_by_role("list").get_by_role("button")
+    expect(rows.nth(2)).to_contain_text(str(best[2]["index"]))
+    rows.first.click()
+    expect(panel.get_by_role("heading", name=f"drawer1, particle {best[0]['index']}")).to_be_visible()
+    expect(panel.locator("#why-shares")).to_contain_text("the scan (unary)")
+    expect(panel.locator("#why-shares")).to_contain_text("frame’s message")
+    picture = panel.get_by_role("img", name=re.compile("Observed depth"))
+    expect(picture).to_be_visible()
+    assert pixels(picture).std() > 10
+    assert view(page, served)["particle"] == best[0]["index"]
+
+    why = served.client.get(f"{session}/beliefs/drawer1/particles/{best[0]['index']}").json()
+    panel.locator("#ancestor").click()
+    expect(page.locator("#shown")).to_have_text(re.compile("5 / 6"))
+    expect(panel.get_by_role("heading", level=2)).to_have_text(f"{why['ancestor_part']}, particle {why['ancestor']}")
+
+
+def test_a_particle_chosen_by_a_program_is_explained(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    name = (page.locator("#scene").get_attribute("src") or "").split("/")[4]
+    served.client.patch(f"{session}/views/{name}", json={"part": "drawer3", "particle": 7})
+    expect(page.get_by_role("tab", name="Why")).to_have_attribute("aria-selected", "true")
+    expect(page.get_by_role("heading", name="drawer3, particle 7")).to_be_visible()
+
+
+def test_layers(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    panel = tab(page, "Layers")
+    panel.get_by_role("switch", name="support planes").check()
+    panel.get_by_role("switch", name="points of the scan").uncheck()
+    panel.get_by_role("button", name="explained", exact=True).click()
+    panel.get_by_role("button", name="by weight").click()
+    panel.get_by_label("Confidence").fill("90")
+    expect(panel.locator("#confidence-text")).to_contain_text("90")
+    wait(page, lambda: view(page, served)["confidence"] == 0.9)
+    shown = view(page, served)
+    assert shown["show"]["planes"] and not shown["show"]["scan"]
+    assert (shown["colour_scan"], shown["colour_particles"]) == ("explained", "weight")
+    expect(panel.get_by_role("switch", name="truth")).to_be_disabled()
+
+
+def test_a_session_begins_anew_with_another_region(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    panel = tab(page, "Layers")
+    panel.get_by_role("switch", name="region of interest").check()
+    corner = panel.get_by_label("largest z of the region, centimetres")
+    expect(corner).to_have_value(f"{small.REGION[5] * 100:.1f}")
+    corner.fill("70")
+    corner.press("Tab")
+    wait(page, lambda: (view(page, served)["region"] or [0])[-1] == 0.7)
+    before = page.url
+    panel.get_by_role("button", name="Start a new session with this region").click()
+    page.wait_for_url(lambda url: url.split("?")[0] != before.split("?")[0])
+    page.locator("body[data-ready]").wait_for()
+    made = served.client.get("/api/v1/sessions/" + page.url.split("/")[4]).json()
+    assert made["roi"] == [*small.REGION[:5], 0.7]
+
+
+def test_settings_count_from_the_next_iteration(page: Page, served: Served, session: str, troubles: Troubles) -> None:
+    opened(page, served, session)
+    panel = tab(page, "Settings")
+    field = panel.get_by_label("tolerance end")
+    field.fill("0.02")
+    field.press("Tab")
+    wait(page, lambda: served.client.get(session).json()["config"].get("tolerance_end") == 0.02)
+    expect(page.locator(".mark.change")).to_have_count(1)
+    troubles.expect("422")
+    field.fill("-1")
+    field.press("Tab")
+    expect(panel.get_by_role("alert").filter(has_text="at least 0.0001")).to_be_visible()
+    panel.get_by_role("button", name="Reset tolerance_end").click()
+    wait(page, lambda: served.client.get(session).json()["config"].get("tolerance_end") == 0.012)
+    panel.get_by_role("button", name="paper").click()
+    wait(page, lambda: served.client.get(session).json()["config"].get("preset") == "paper")
+    expect(panel.get_by_label("pixel score")).to_have_value("distance")
+
+
+def test_particle_count_begins_a_new_session(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    panel = tab(page, "Settings")
+    panel.get_by_label("particles per part").fill("30")
+    before = page.url.split("?")[0]
+    panel.get_by_role("button", name="Start a new session with these").click()
+    page.wait_for_url(lambda url: url.split("?")[0] != before)
+    made = served.client.get("/api/v1/sessions/" + page.url.split("/")[4]).json()
+    assert made["particles"] == 30
+    page.locator("body[data-ready]").wait_for()
+
+
+def test_compare_with_another_session(page: Page, served: Served, session: str) -> None:
+    other = small.create(served.client, name="the other", seed=5)
+    small.step(served.client, other, 4)
+    opened(page, served, session)
+    panel = tab(page, "Compare")
+    panel.get_by_label("Compare with").select_option(label="the other (4)")
+    mine, its = (served.client.get(f"{path}/estimate").json() for path in (session, other))
+    apart = [
+        mine["links"]["frame"]["pose"]["position"][axis] - its["links"]["frame"]["pose"]["position"][axis]
+        for axis in "xyz"
+    ]
+    distance = float(np.linalg.norm(apart)) * 1000
+    row = panel.locator("#compare-links tr").first
+    expect(row.locator("td").first).to_have_text(re.compile(re.escape(written(distance))))
+    wait(page, lambda: (view(page, served)["compare"] or {}).get("session_id") == other.rsplit("/", 1)[1])
+    panel.get_by_role("switch", name="follow this timeline").check()
+    page.get_by_role("slider", name="Iteration").fill("2")
+    expect(panel.locator("#compare-what")).to_have_text("Iteration 2 here, iteration 2 there")
+    panel.get_by_role("button", name="Stop comparing").click()
+    wait(page, lambda: view(page, served)["compare"] is None)
+
+
+def test_a_shared_link_shows_the_same(page: Page, served: Served, session: str, new_page: Callable[..., Page]) -> None:
+    opened(page, served, session, "?camera=2,2,2,0.5,0.3,0.4,0,0,1")
+    page.get_by_role("slider", name="Iteration").fill("4")
+    page.get_by_role("button", name=re.compile("^drawer1, ")).click()
+    panel = tab(page, "Share")
+    link = panel.get_by_label("Link to this session, iteration and camera")
+    expect(link).to_have_value(re.compile("iteration=4.*part=drawer1.*camera="))
+    expect(panel.locator("#share-curl")).to_contain_text("beliefs/drawer1?iteration=4")
+    for name in ("Recording", "Picture", "Estimate", "3D scene"):
+        path = panel.get_by_role("link", name=name).get_attribute("href")
+        assert path and served.client.get(path).status_code == 200
+    theirs = new_page()
+    theirs.goto(link.input_value())
+    theirs.locator("body[data-ready]").wait_for()
+    expect(theirs.locator("#shown")).to_have_text(re.compile("4 / 6"))
+    expect(theirs.get_by_role("heading", name="drawer1", exact=True)).to_be_visible()
+    wait(theirs, lambda: view(theirs, served)["camera"] is not None)
+    assert np.allclose(view(theirs, served)["camera"]["position"], [2, 2, 2], atol=0.05)
+    assert theirs.locator("#scene").get_attribute("src") != page.locator("#scene").get_attribute("src")
+
+
+def test_a_failed_session_shows_the_sentence(page: Page, served: Served) -> None:
+    path = small.create(served.client, name="damaged")
+    opened(page, served, path)
+    session = served.app.state.sessions.get(path.rsplit("/", 1)[1])
+    session.step().result()
+    session._submit(lambda: session._fail(RuntimeError("a stone in the gears"))).result()
+    expect(page.locator("#trouble")).to_contain_text("a stone in the gears")
+    expect(page.locator("#state-word")).to_have_text("stopped by an error")
+
+
+def test_a_session_that_is_not_there(page: Page, served: Served, troubles: Troubles) -> None:
+    troubles.expect("404")
+    page.goto(f"{served.url}/sessions/nothing/")
+    expect(page.locator("#trouble")).to_contain_text("nothing")
+    expect(page.get_by_role("link", name="All sessions")).to_be_visible()
+
+
+def test_a_lost_connection_comes_back(page: Page, served: Served, session: str, troubles: Troubles) -> None:
+    opened(page, served, session, "?iteration=3&part=drawer2")
+    expect(page.locator("#shown")).to_have_text(re.compile("3 / 6"))
+    troubles.expect("INTERNET_DISCONNECTED")
+    page.context.set_offline(True)
+    page.keyboard.press("s")
+    expect(page.locator("#trouble")).to_contain_text("The connection to the server is lost")
+    page.context.set_offline(False)
+    expect(page.locator("#trouble")).to_be_hidden()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_phone_shows_it_all_in_one_column(
+    new_page: Callable[..., Page], served: Served, session: str, scheme: str
+) -> None:
+    page = opened(new_page(viewport=PHONE, color_scheme=scheme), served, session)
+    assert not scrolls_sideways(page)
+    boxes = [page.locator(place).bounding_box() for place in (".bar", "#scene", ".timeline", ".side", "#plots")]
+    found = [box for box in boxes if box]
+    assert len(found) == 5
+    for above, below in itertools.pairwise(found):
+        assert above["y"] + above["height"] <= below["y"] + 1
+    assert found[1]["height"] == pytest.approx(0.48 * PHONE["height"], abs=2)
+    for name in ("Why", "Layers", "Settings", "Compare", "Share"):
+        tab(page, name)
+        assert not scrolls_sideways(page)
+    ground = pixels(page.locator(".side"))[-5, 5].mean()
+    assert ground > 200 if scheme == "light" else ground < 60
+
+
+def test_every_control_has_a_name(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    nameless = page.evaluate(
+        """() => [...document.querySelectorAll("button, input, select, a[href], iframe, canvas, [role=button]")]
+          .filter((one) => !(one.textContent.trim() || one.getAttribute("aria-label") || one.title
+            || one.getAttribute("aria-labelledby") || one.labels?.length)).map((one) => one.outerHTML)"""
+    )
+    assert nameless == []

@@ -1,0 +1,63 @@
+"""Servers in this process, as most tests of the server and its page need them: real ones on free ports."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from app.server_config import ServerConfig
+
+
+@dataclass
+class Served:
+    """A server in this process. app : the FastAPI application, for what cannot be seen from outside."""
+
+    url: str
+    config: ServerConfig
+    client: httpx.Client
+    app: Any
+
+    def ready(self) -> Served:
+        """Wait until the kernels are there, as sessions that run need them."""
+        while self.client.get("/readyz").status_code != 200:
+            time.sleep(0.05)
+        return self
+
+
+@contextmanager
+def serving(data_dir: Path) -> Iterator[Callable[..., Served]]:
+    """A function that starts a server in this process with the settings it is given; all are stopped at the end."""
+    from app.commands.serve import server_for
+    from app.server import create_app
+
+    started: list[tuple[Any, threading.Thread, httpx.Client]] = []
+
+    def start(**settings: Any) -> Served:
+        config = ServerConfig(**({"port": 0, "data_dir": data_dir, "requests_per_second": 1e5} | settings))
+        app = create_app(config)
+        server = server_for(app, config)
+        thread = threading.Thread(target=server.run, name="served", daemon=True)
+        thread.start()
+        while not server.started and thread.is_alive():
+            time.sleep(0.005)
+        assert server.started, "the server did not start; its log says why"
+        port = server.servers[0].sockets[0].getsockname()[1]
+        headers = {} if config.token is None else {"Authorization": f"Bearer {config.token}"}
+        client = httpx.Client(base_url=f"http://127.0.0.1:{port}", headers=headers, timeout=None)
+        started.append((server, thread, client))
+        return Served(str(client.base_url).rstrip("/"), replace(config, port=port), client, app)
+
+    try:
+        yield start
+    finally:
+        for server, thread, client in started:
+            client.close()
+            server.should_exit = True
+            thread.join()

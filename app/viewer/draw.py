@@ -89,7 +89,8 @@ class Drawing:
             vertices, faces = _sphere()
             return scene.add_batched_meshes_simple(
                 node.name, vertices, faces, node.turns, node.centres, batched_scales=node.radii,
-                batched_colors=node.colours, opacity=node.opacity, lod="off", cast_shadow=False, receive_shadow=False,
+                batched_colors=node.colours, batched_opacities=node.opacities, lod="off",
+                cast_shadow=False, receive_shadow=False,
             )  # fmt: skip
         if isinstance(node, Axes):
             return scene.add_batched_axes(
@@ -154,7 +155,7 @@ _PROPERTIES: dict[type, dict[str, str]] = {
     Lines: {"segments": "points", "colour": "colors", "width": "thickness"},
     Ellipsoids: {
         "centres": "batched_positions", "turns": "batched_wxyzs", "radii": "batched_scales",
-        "colours": "batched_colors", "opacity": "opacity",
+        "colours": "batched_colors", "opacities": "batched_opacities",
     },
     Frustum: {"colour": "color", "image": "image", "aspect": "aspect", "field_of_view": "fov", "size": "scale"},
     Handle: {"size": "scale"},

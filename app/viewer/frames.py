@@ -22,6 +22,7 @@ from app.viewer.scene_frame import (
     Axes,
     Bytes,
     Ellipsoids,
+    Floats,
     Frustum,
     Lines,
     Node,
@@ -44,7 +45,7 @@ POINT, MESSAGE_POINT, AXIS, FRUSTUM, MARK = 0.006, 0.010, 0.06, 0.10, 0.008
 # around it.
 SPACED = 0.55, 1.1
 # How opaque: the estimate lets its particles shine through.
-ESTIMATE, FAINT, GHOST, SUPPORT, ELLIPSOID = 0.62, 0.12, 0.22, 0.30, 0.55
+ESTIMATE, FAINT, GHOST, SUPPORT, ELLIPSOID = 0.62, 0.12, 0.22, 0.30, 0.6
 # The palest a particle of little weight gets: share of the way to the background.
 PALEST = 0.75
 # Nats below the heaviest from which on a particle is as pale as can be.
@@ -172,8 +173,14 @@ def _ellipsoids(
     turns, radii = ellipsoids(covariances, state.confidence)
     return Ellipsoids(
         name, part_poses[:, :3].astype(np.float32), turns.astype(np.float32), radii.astype(np.float32),
-        np.array(painted, dtype=np.uint8), ELLIPSOID,
+        np.array(painted, dtype=np.uint8), _opacities(radii, stage.size),
     )  # fmt: skip
+
+
+def _opacities(radii: Array, size: float) -> Floats:
+    """(K,): the larger an ellipsoid, the more is behind it that is to be seen."""
+    found: Floats = np.clip(0.1 * ELLIPSOID * size / radii.max(axis=1), FAINT, ELLIPSOID).astype(np.float32)
+    return found
 
 
 def _particles(belief: Belief, stage: Stage, state: ViewState) -> Iterator[Points]:
@@ -241,7 +248,14 @@ def _selected(belief: Belief, stage: Stage, state: ViewState) -> Iterator[Node]:
     pose, shape, ink = belief.poses[number, state.particle], stage.shapes[number], INK[state.theme]
     size = np.full((1, 3), MARK * stage.size, dtype=np.float32)
     turn = np.array([[1, 0, 0, 0]], dtype=np.float32)
-    yield Ellipsoids("/selected/mark", pose[None, :3].astype(np.float32), turn, size, np.array([ink], np.uint8), 0.95)
+    yield Ellipsoids(
+        "/selected/mark",
+        pose[None, :3].astype(np.float32),
+        turn,
+        size,
+        np.array([ink], np.uint8),
+        np.array([0.95], np.float32),
+    )
     if shape is not None:
         yield Lines("/selected/edges", shape.edges, ink, 2.0, pose)
 

@@ -94,7 +94,7 @@ def _prior(prior: GaussianPrior, stage: Stage, state: ViewState) -> Iterator[Nod
     turn = np.array([[1, 0, 0, 0]], dtype=np.float32)
     radii = (radius_scale(state.confidence) * prior.std_xyz)[None].astype(np.float32)
     centre = pose[None, :3].astype(np.float32)
-    yield Ellipsoids("/prior/spread", centre, turn, radii, np.array([colour], np.uint8), 0.16)
+    yield Ellipsoids("/prior/spread", centre, turn, radii, np.array([colour], np.uint8), np.array([0.16], np.float32))
     for number, part in enumerate(stage.model.parts):
         shape = stage.shapes[number]
         if prior.link in part.links and shape is not None:

@@ -62,14 +62,14 @@ class Lines:
 @dataclass(frozen=True)
 class Ellipsoids:
     """centres : (K, 3); turns : (K, 4), w x y z, of the main axes in world; radii : (K, 3) along these;
-    colours : (K, 3)"""
+    colours : (K, 3); opacities : (K,), 0 to 1"""
 
     name: str
     centres: Floats
     turns: Floats
     radii: Floats
     colours: Bytes
-    opacity: float
+    opacities: Floats
 
 
 @dataclass(frozen=True)

@@ -62,8 +62,9 @@ function live() {
 
 async function order(verb, body) {
   try {
-    const session = await call(`${root(state.id)}/${verb}`, { method: "POST", body });
-    put({ session: { ...state.session, ...session }, trouble: "" });
+    // what came of it is told by the events, in order: the answer may come after a later state
+    await call(`${root(state.id)}/${verb}`, { method: "POST", body });
+    put({ trouble: "" });
   } catch (error) {
     if (!(error instanceof Problem)) throw error;
     put({ trouble: error.status === 0 ? "" : error.message, lost: error.status === 0 || state.lost });

@@ -59,10 +59,13 @@ function build() {
   nodes.clear();
   edges.length = 0;
   const { placed, leaves, depth } = layout(state.graph);
-  const row = depth > 5 ? 46 : depth > 2 ? 62 : 84;
-  const height = 62 + depth * row;
-  set(drawing, { viewBox: `0 0 ${WIDTH} ${height}` });
-  const x = (name) => ((placed.get(name).column + 0.5) / leaves) * WIDTH;
+  // a deep tree has its names beside the nodes, where a chain leaves room for them
+  const deep = depth > 3;
+  const row = deep ? 38 : depth > 1 ? 70 : 84;
+  const height = (deep ? 44 : 62) + depth * row;
+  set(drawing, { viewBox: `0 0 ${WIDTH} ${height}`, "data-deep": String(deep) });
+  const column = WIDTH / leaves;
+  const x = (name) => (deep ? 40 + placed.get(name).column * column : (placed.get(name).column + 0.5) * column);
   const y = (name) => 24 + placed.get(name).depth * row;
 
   for (const edge of state.graph.edges) {
@@ -73,20 +76,20 @@ function build() {
       "aria-label": `${types} joint ${edge.joints.map((joint) => joint.name).join(", ")} between ${edge.parent} and ${edge.child}: show its messages` },
       s("line", { class: "reach", x1, y1, x2, y2 }),
       s("line", { class: "wire", x1, y1, x2, y2 }),
-      s("text", { class: "edge-label", x: x1 + (x2 - x1) * 0.56, y: y1 + (y2 - y1) * 0.56 + 3.5 }, types));
+      s("text", { class: "edge-label", x: x1 + (x2 - x1) * 0.56 + (deep ? 8 : 0), y: y1 + (y2 - y1) * (deep ? 0.5 : 0.56) + 3.5 }, types));
     press(place, () => chooseEdge(edge.parent, edge.child));
     edges.push({ place, edge });
     drawing.append(place);
   }
-  const room = WIDTH / leaves / 6.2; // letters that fit side by side
+  const room = (column - (deep ? 2 * RING + 10 : 0)) / 6.2; // letters that fit side by side
   state.graph.parts.forEach((part, at) => {
     const [cx, cy] = [x(part.name), y(part.name)];
     const beside = [...placed.values()].filter((place) => place.depth === placed.get(part.name).depth).length === 1;
     const ring = s("circle", { class: "ring", cx, cy, r: RING, transform: `rotate(-90 ${cx} ${cy})` });
     const disc = s("circle", { class: "disc", cx, cy, r: RADIUS });
     const tick = s("path", { class: "tick", d: `M${cx - 4.5} ${cy + 0.5}l3 3.2 6-6.4` });
-    const text = beside && depth > 0
-      ? s("text", { class: "node-label", x: cx + RING + 7, y: cy + 4 }, part.name)
+    const text = deep || (beside && depth > 0)
+      ? s("text", { class: "node-label", x: cx + RING + 7, y: cy + 4 }, beside ? part.name : shorter(part.name, room))
       : s("text", { class: "node-label middle", x: cx, y: cy + RING + 14 }, shorter(part.name, room));
     const title = s("title");
     const place = s("g", { class: "node", role: "button", tabindex: "0", "aria-pressed": "false", "data-part": part.name },

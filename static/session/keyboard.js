@@ -25,7 +25,8 @@ export function install(frame) {
 }
 
 function press(event) {
-  const target = event.target;
+  // a dialog that was just closed may still have the focus
+  const target = event.target.closest?.("dialog:not([open])") ? document.body : event.target;
   if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
   const slides = target.matches?.("input[type=range]");
   if (!slides && target.matches?.(TAKES_ALL)) {

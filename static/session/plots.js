@@ -142,7 +142,12 @@ function paint(plot, canvas) {
     const points = rows
       .map((row) => [row.iteration, plot.values(row)[part]])
       .filter(([, value]) => Number.isFinite(value) && (!plot.log || value > 0));
+    pen.save();
+    pen.beginPath();
+    pen.rect(LEFT - 3, 0, width - LEFT, height - BOTTOM + 1);
+    pen.clip();
     line(pen, points.map(([iteration, value]) => [x(iteration), y(value)]));
+    pen.restore();
     const row = rowAt(shown());
     const value = row && plot.values(row)[part];
     if (Number.isFinite(value) && (!plot.log || value > 0)) {
@@ -176,7 +181,8 @@ function limits(plot, rows) {
     low = Math.min(low, value);
     high = Math.max(high, value);
   }
-  if (plot.log) return [low / 1.3, high * 1.3];
+  // a belief that has collapsed for an iteration is no reason to squeeze all others into a line
+  if (plot.log) return [Math.max(low / 1.3, high / 1e5, (limit ?? 0) / 10), high * 1.3];
   if (plot.zero) low = 0;
   const room = (high - low || Math.abs(high) || 1) * 0.06;
   return [plot.zero ? 0 : low - room, high + room];
@@ -187,7 +193,8 @@ function ticks(plot, low, high) {
   if (plot.log) {
     const found = [];
     for (let power = Math.ceil(Math.log10(low)); 10 ** power <= high; power++) found.push(10 ** power);
-    if (found.length > 1) return found.slice(-4);
+    const every = Math.ceil(found.length / 4);
+    if (found.length > 1) return found.filter((_, place) => place % every === 0);
     const mantissas = [1, 2, 5].flatMap((m) => [-5, -4, -3, -2, -1, 0, 1].map((p) => m * 10 ** p));
     return mantissas.filter((value) => value >= low && value <= high).sort((a, b) => a - b).slice(-3);
   }

@@ -96,7 +96,7 @@ function show() {
 async function send(config, error = null) {
   try {
     const session = await call(root(state.id), { method: "PATCH", body: { config } });
-    put({ session: { ...state.session, ...session } });
+    put({ session: { ...state.session, config: session.config } });
     if (error) error.hidden = true;
     askChanges();
   } catch (problem) {

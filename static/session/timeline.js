@@ -1,7 +1,7 @@
 // Which iteration is looked at? A slider over all that are recorded, with marks where something happened.
 
 import { find, keyed, h, say } from "./dom.js";
-import { colour, isLive, maxStd, newest, oldest, on, put, shown, state } from "./state.js";
+import { colour, isLive, isRecording, maxStd, newest, oldest, on, put, shown, state } from "./state.js";
 import { goTo } from "./view.js";
 
 let timer = null;
@@ -65,6 +65,7 @@ function show() {
   const digits = String(newest()).length;
   say(find("shown"), `${String(shown()).padStart(digits, "\u2007")} / ${newest()}`);
   find("live").setAttribute("aria-pressed", String(isLive()));
+  say(find("live").lastChild, isRecording() ? "Newest" : "Live");
   find("playback").setAttribute("aria-label", state.playback ? "Stop playing back" : "Play back");
   find("playback").dataset.going = String(state.playback);
 }

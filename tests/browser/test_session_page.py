@@ -150,6 +150,7 @@ def test_keys(page: Page, served: Served, session: str) -> None:
     page.keyboard.press("?")
     expect(page.get_by_role("dialog", name="Keyboard")).to_be_visible()
     page.keyboard.press("Escape")
+    expect(page.get_by_role("dialog", name="Keyboard")).to_be_hidden()
     expect(page.locator("#state-word")).to_have_text(re.compile("paused|at rest"))
     page.keyboard.press("Space")
     wait(page, lambda: served.client.get(session).json()["iteration"] == 12)

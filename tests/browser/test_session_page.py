@@ -6,14 +6,14 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Page, expect
 
 from tests.app import small_sessions as small
 from tests.browser.conftest import PATIENCE, PHONE, Troubles, pixels, scrolls_sideways
+from tests.browser.session_page import has_colour, opened, tab, view, wait, written
 from tests.servers import Served
 
 expect.set_options(timeout=PATIENCE)
@@ -25,36 +25,6 @@ def session(served: Served) -> str:
     path = small.create(served.client, name="a cabinet", iterations=12)
     small.step(served.client, path, 6)
     return path
-
-
-def opened(page: Page, served: Served, session: str, query: str = "") -> Page:
-    """The session's page, once it has heard from the server."""
-    page.goto(served.url + served.client.get(session).json()["view_url"] + query)
-    page.locator("body[data-ready]").wait_for()
-    return page
-
-
-def view(page: Page, served: Served) -> dict[str, Any]:
-    """What the server says that this page's 3D view shows."""
-    frame = page.locator("#scene").get_attribute("src") or ""
-    _, _, id, _, name, *_ = frame.split("/")
-    found: dict[str, Any] = served.client.get(f"/api/v1/sessions/{id}/views/{name}").json()
-    return found
-
-
-def wait(page: Page, so: Callable[[], bool]) -> None:
-    """Until it is so; a test that waits in vain ends by an error."""
-    for _ in range(PATIENCE // 50):
-        if so():
-            return
-        page.wait_for_timeout(50)
-    raise AssertionError("it has not become so")
-
-
-def tab(page: Page, name: str) -> Locator:
-    """A tab's panel, opened."""
-    page.get_by_role("tab", name=name).click()
-    return page.get_by_role("tabpanel", name=name)
 
 
 def test_the_page_shows_state_numbers_and_the_scene(page: Page, served: Served, session: str) -> None:
@@ -121,11 +91,6 @@ def test_the_timeline_goes_back_while_it_goes_on(page: Page, served: Served, ses
     wait(page, lambda: view(page, served)["drawn"]["iteration"] == 7)
 
 
-def written(std: float) -> str:
-    """Millimetres as the page has them: without a place from 100 on."""
-    return f"{std:.0f}" if std >= 100 else f"{std:.1f}"
-
-
 def test_it_is_played_back(page: Page, served: Served, session: str) -> None:
     opened(page, served, session)
     page.get_by_label("Speed of playing back").select_option("25")
@@ -169,11 +134,6 @@ def test_plots_have_a_line_per_part_and_a_cursor(page: Page, served: Served, ses
     page.mouse.click(box["x"] + 34 + (box["width"] - 42) / 2, box["y"] + 40)
     expect(page.locator("#shown")).to_have_text(re.compile("3 / 6"))
     wait(page, lambda: not np.array_equal(pixels(plot), before))
-
-
-def has_colour(place: Locator, colour: str) -> bool:
-    wanted = np.array([int(colour[at : at + 2], 16) for at in (1, 3, 5)])
-    return bool((np.abs(pixels(place).astype(int) - wanted).max(axis=-1) < 12).any())
 
 
 def test_the_graph_opens_a_belief(page: Page, served: Served, session: str) -> None:
@@ -394,3 +354,15 @@ def test_every_control_has_a_name(page: Page, served: Served, session: str) -> N
             || one.getAttribute("aria-labelledby") || one.labels?.length)).map((one) => one.outerHTML)"""
     )
     assert nameless == []
+
+
+def test_a_recording_is_looked_at_on_the_same_page(page: Page, served: Served, session: str) -> None:
+    content = served.client.get(f"{session}/recording").content
+    made = served.client.post("/api/v1/recordings", files={"file": ("kept.sqlite", content)}).json()
+    page.goto(f"{served.url}/sessions/{made['id']}/")
+    page.locator("body[data-ready]").wait_for()
+    expect(page.locator("#state-word")).to_have_text("recording")
+    expect(page.get_by_role("group", name="Inference")).to_be_hidden()
+    expect(page.locator("#links tr")).to_have_count(7)
+    page.get_by_role("slider", name="Iteration").fill("1")
+    wait(page, lambda: (view(page, served)["drawn"] or {}).get("iteration") == 1)

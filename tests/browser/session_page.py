@@ -1,0 +1,52 @@
+"""What tests of a session's page do again and again: open it, wait, read what its 3D view shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from playwright.sync_api import Locator, Page
+
+from tests.browser.conftest import PATIENCE, pixels
+from tests.servers import Served
+
+
+def opened(page: Page, served: Served, session: str, query: str = "") -> Page:
+    """The session's page, once it has heard from the server."""
+    page.goto(served.url + served.client.get(session).json()["view_url"] + query)
+    page.locator("body[data-ready]").wait_for()
+    return page
+
+
+def view(page: Page, served: Served) -> dict[str, Any]:
+    """What the server says that this page's 3D view shows."""
+    frame = page.locator("#scene").get_attribute("src") or ""
+    _, _, id, _, name, *_ = frame.split("/")
+    found: dict[str, Any] = served.client.get(f"/api/v1/sessions/{id}/views/{name}").json()
+    return found
+
+
+def wait(page: Page, so: Callable[[], bool]) -> None:
+    """Until it is so; a test that waits in vain ends by an error."""
+    for _ in range(PATIENCE // 50):
+        if so():
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError("it has not become so")
+
+
+def tab(page: Page, name: str) -> Locator:
+    """A tab's panel, opened."""
+    page.get_by_role("tab", name=name).click()
+    return page.get_by_role("tabpanel", name=name)
+
+
+def written(std: float) -> str:
+    """Millimetres as the page has them: without a place from 100 on."""
+    return f"{std:.0f}" if std >= 100 else f"{std:.1f}"
+
+
+def has_colour(place: Locator, colour: str) -> bool:
+    wanted = np.array([int(colour[at : at + 2], 16) for at in (1, 3, 5)])
+    return bool((np.abs(pixels(place).astype(int) - wanted).max(axis=-1) < 12).any())

@@ -96,11 +96,11 @@ class Painter:
             self._tell_camera()
             if self._view.clients == 0 or self._view.state.hidden:
                 continue
-            last = time.monotonic()
-            error = None
+            began, error = time.monotonic(), None
             try:
                 with self._painting:
-                    self._paint()
+                    # what changes no picture, as a state that is told, must not delay the next one
+                    last = began if self._paint() else last
             except (HttpProblem, PmpnbpError) as problem:
                 error = str(problem)
             except Exception as problem:
@@ -121,8 +121,8 @@ class Painter:
         if what != "drawn":
             self._wake.set()
 
-    def _paint(self) -> None:
-        """Draw what is to be seen now, unless that is what was drawn last."""
+    def _paint(self) -> bool:
+        """Draw what is to be seen now, unless that is what was drawn last; whether anything was drawn."""
         state = self._view.state
         made = self._read(self._source, state.iteration)
         other = None
@@ -136,7 +136,7 @@ class Painter:
         )  # fmt: skip
         self._dress(state)
         if key == self._drawn_key:
-            return
+            return False
         own = self._stage(self._source, made, scans)
         against = None if compared is None or other is None else (compared, self._stage(other, compared, 0))
         made_frame = frame(made, state, own, compared=against)
@@ -147,6 +147,7 @@ class Painter:
         serial = 1 if self._view.drawn is None else self._view.drawn.serial + 1
         self._view.drawn = Drawn(made.iteration, made_frame.particles, serial)
         self._view.tell("drawn")
+        return True
 
     def _read(self, source: Readable, iteration: int | None) -> Snapshot:
         """An iteration; the newest where there are not so many, as after a reset."""

@@ -73,7 +73,11 @@ def test_curl(served: Served, repository: Path, folder: Path) -> None:
     assert abs(estimate["joints"]["slide2"]["position"] - 0.05) < 0.005
     assert "paused" in printed
     assert "nothing" in printed
-    assert len(json.loads((folder / "sessions.json").read_text())) == 1
+    assert len(json.loads((folder / "sessions.json").read_text())) == 2  # one of them the sample
+    view = json.loads((folder / "view.json").read_text())
+    assert (view["iteration"], view["part"]) == (2, "drawer2")
+    assert "</html>" in (folder / "scene.html").read_text()
+    assert len(json.loads((folder / "samples.json").read_text())) > 1
     particles = json.loads((folder / "belief.json").read_text())
     with np.load(folder / "belief.npz") as belief:
         assert any(array.ndim == 2 and array.shape[1] == 7 for array in belief.values())

@@ -1,5 +1,6 @@
 // The page of one session: puts its pieces together. What each does is told in its own file.
 
+import { call } from "./api.js";
 import * as compare from "./compare.js";
 import * as controls from "./controls.js";
 import { find } from "./dom.js";
@@ -14,7 +15,7 @@ import * as particle from "./particle.js";
 import * as plots from "./plots.js";
 import * as settings from "./settings.js";
 import * as share from "./share.js";
-import { isLive, newest, on, onTheme, put, state, theme } from "./state.js";
+import { isLive, isRecording, newest, on, onTheme, put, state, theme } from "./state.js";
 import * as tabs from "./tabs.js";
 import * as timeline from "./timeline.js";
 import { change, openView } from "./view.js";
@@ -56,6 +57,14 @@ async function begin() {
     seen = newest();
   });
   document.body.dataset.ready = "true";
+  if (isRecording()) damage();
+}
+
+// A recording of which not everything can be read says so; its other notes are the writer's, for programs.
+async function damage() {
+  const { notes } = await call(`/api/v1/recordings/${encodeURIComponent(state.id)}`).catch(() => ({ notes: [] }));
+  const told = notes.filter((note) => note.includes("is damaged"));
+  if (told.length) put({ trouble: `Of this recording, ${told.join("; ")}.` });
 }
 
 // Whether there is such a session; where the server does not answer it is asked until it does.

@@ -1,5 +1,5 @@
-// How has it gone so far? Four small plots against the iteration, with a cursor at the one that is looked at: a canvas
-// each, drawn anew at most ten times a second.
+// How has it gone so far? Small plots against the iteration, five where the truth is known, else four, with a cursor at
+// the one that is looked at: a canvas each, drawn anew at most ten times a second.
 
 import { find, h, say } from "./dom.js";
 import { millimetres, number, plain, plural } from "./format.js";
@@ -16,7 +16,7 @@ const RIGHT = 8;
 // dashed line, and what the title's number says of the row at the cursor.
 const PLOTS = [
   {
-    id: "std", title: "standard deviation, mm", log: true, values: (row) => row.std, tick: (v) => plain(v * 1000),
+    id: "std", title: "std per part, mm", log: true, values: (row) => row.std, tick: (v) => plain(v * 1000),
     line: maxStd, now: (values) => `largest ${millimetres(Math.max(...values))}`,
   },
   {
@@ -66,7 +66,7 @@ function draw() {
   const known = state.graph.truth || Boolean(state.rows.at(-1)?.add);
   for (const plot of PLOTS) {
     const { figure, canvas, now } = places.get(plot.id);
-    figure.hidden = plot.id === (known ? "seconds" : "add");
+    figure.hidden = plot.id === "add" && !known;
     if (figure.hidden) continue;
     const row = rowAt(shown());
     const values = (row ? plot.values(row) : []).filter(Number.isFinite);

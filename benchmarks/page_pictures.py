@@ -1,4 +1,4 @@
-"""Make the README's pictures of the page again: `python -m sample_data.page_pictures [FOLDER]`, by default docs/images.
+"""Make the README's pictures of the page again: `python -m benchmarks.page_pictures [FOLDER]`, by default docs/images.
 
 A real server, a real browser and the sample cabinet: `page.png` and `page_dark.png` after the inference has come to
 rest, `start.png`, and `belief.webp`, a belief that forms iteration by iteration.

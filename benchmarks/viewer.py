@@ -142,35 +142,39 @@ def slowdown(server: ServerProcess, turns: int = 6, iterations: int = 150) -> No
 
 
 def soak(server: ServerProcess, iterations: int) -> None:
-    """Memory of server and page while iterations are made and drawn."""
-    rows = []
+    """Memory while iterations are made and drawn: a few of them in the page, the others for a client that takes all,
+    which leaves the cores to the iterations."""
+    rows: list[list[str]] = []
     with api(server) as client:
         session = cabinet(client, config={"preset": "paper"})
         run(client, session, 200)
-        with page(server, session) as shown:
-            shown.wait_for_timeout(5000)
-            start = now = client.get(f"/sessions/{session}").json()["iteration"]
-            began = time.perf_counter()
-            client.post(f"/sessions/{session}/run", json={"iterations": iterations}).raise_for_status()
-            while now < start + iterations:
-                rows.append([now, *memory(server, shown), f"{time.perf_counter() - began:.0f}"])
-                progress(str(rows[-1]))
-                goal = min(start + iterations, now + max(1, iterations // 20))
-                while (now := client.get(f"/sessions/{session}").json()["iteration"]) < goal:
-                    shown.wait_for_timeout(500)
-            rows.append([now, *memory(server, shown), f"{time.perf_counter() - began:.0f}"])
-    print(markdown(["iteration", "server (MiB)", "page's heap (MiB)", "seconds"], rows))
+        for title, look, share in (("the page", page, 0.02), ("a client that takes all", looking, 0.98)):
+            with look(server, session) as shown:
+                for turn in range(10):
+                    began = time.perf_counter()
+                    count = round(iterations * share / 10)
+                    run(client, session, count)
+                    pace = count / (time.perf_counter() - began)
+                    now = client.get(f"/sessions/{session}").json()["iteration"]
+                    heap = f"{page_heap(shown):.1f}" if shown is not None else ""
+                    rows.append([title, str(now), f"{resident(server):.0f}", heap, f"{pace:.1f}"])
+                    progress(f"{turn}: {rows[-1]}")
+    print(markdown(["looked at by", "iteration", "server (MiB)", "page's heap (MiB)", "iterations/s"], rows))
 
 
-def memory(server: ServerProcess, shown: Page) -> tuple[str, str]:
-    """MiB that the server has resident, and of the page's heap after a collection."""
+def resident(server: ServerProcess) -> float:
+    """MiB of memory that the server has."""
     status = Path(f"/proc/{server.process.pid}/status").read_text(encoding="ascii")
-    resident = next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS")) / 1024
+    return next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS")) / 1024
+
+
+def page_heap(shown: Page) -> float:
+    """MiB of the page's heap after a collection."""
     browser = shown.context.new_cdp_session(shown)
     browser.send("HeapProfiler.collectGarbage")
     heap = browser.send("Runtime.getHeapUsage")["usedSize"] / 2**20
     browser.detach()
-    return f"{resident:.0f}", f"{heap:.1f}"
+    return float(heap)
 
 
 def quantiles(taken: Sequence[float]) -> list[str]:

@@ -30,6 +30,8 @@ OPTIONS = [
     "--disable-dev-shm-usage",
 ]  # fmt: skip
 DESK, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
+# A window whose 3D scene is drawn soon without a GPU, and not yet in one column.
+SMALL = {"width": 1000, "height": 640}
 # A test that waits for what does not come ends by this, in milliseconds; it is no measure of speed.
 PATIENCE = 60_000
 
@@ -118,6 +120,12 @@ def new_page(browser: Browser, troubles: Troubles) -> Iterator[Callable[..., Pag
 def page(new_page: Callable[..., Page]) -> Page:
     """An empty page of 1440 by 900 pixels, in light colours."""
     return new_page(color_scheme="light")
+
+
+@pytest.fixture
+def small_page(new_page: Callable[..., Page]) -> Page:
+    """An empty page with a small scene, in light colours."""
+    return new_page(viewport=SMALL, color_scheme="light")
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,213 @@
+"""Does each layer of the 3D view put into the picture what its switch says, and nothing while nobody looks?"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from playwright.sync_api import Page, expect
+
+from app.palette import rgb
+from app.pictures.particle_picture import EXPLAINED, IN_FRONT, KIND_COLOURS
+from app.viewer.frames import INK
+from tests.app import small_sessions as small
+from tests.browser.conftest import PATIENCE, pixels
+from tests.browser.scene_pointer import BARE, change, differing, ground, look_from_eye, settled
+from tests.browser.session_page import opened, tab, view, wait
+from tests.servers import Served
+
+expect.set_options(timeout=PATIENCE)
+
+BEHIND_THE_CAMERA = {"position": [1.17, 1.92, 2.04], "look_at": [0.59, 0.39, 0.56], "up": [0.0, 0.0, 1.0]}
+
+
+@pytest.fixture(scope="module")
+def session(served: Served) -> str:
+    """The path of a session with known truth that has made six iterations, the last ones with messages."""
+    truth = json.loads((small.CABINET / "open" / "truth.json").read_text())
+    path = small.create(served.client, name="a cabinet", truth=truth)
+    small.step(served.client, path, 6)
+    return path
+
+
+def coloured(seen: NDArray[np.uint8], colour: tuple[int, int, int], within: float = 40) -> int:
+    """How many pixels are about of a colour: of its hue, as points have it where light falls on them."""
+    return int((np.abs(seen.astype(int) - colour).max(axis=-1) < within).sum())
+
+
+def test_each_layer_is_drawn_by_its_switch(small_page: Page, served: Served, session: str) -> None:
+    """One at a time over an empty scene; switched off again, the scene is as empty as before."""
+    page = opened(small_page, served, session)
+    panel = tab(page, "Layers")
+    empty = look_from_eye(page, served, show=BARE, part="drawer1")
+    assert coloured(empty, ground(empty), 2) > 0.97 * empty.shape[0] * empty.shape[1]
+    drawn = {}
+    names = ("support planes", "axes of the best particles", "truth", "covariance ellipsoids", "particles")
+    for name in names:
+        switch = panel.get_by_role("switch", name=name, exact=True)
+        switch.check()
+        wait(page, lambda: differing(empty, shot(page)) > 30)
+        drawn[name] = settled(page)
+        said = view(page, served)["drawn"]["particles"]
+        assert said == (dict.fromkeys(parts(served, session), 40) if name == "particles" else {}), name
+        switch.uncheck()
+        wait(page, lambda: differing(empty, shot(page)) == 0)
+    for colour in parts(served, session).values():
+        assert coloured(drawn["particles"], rgb(colour)) > 5
+    assert coloured(drawn["truth"], INK["light"]) > 100
+    axes = drawn["axes of the best particles"].astype(int)
+    for channel in range(3):  # x red, y green, z blue
+        rest = np.delete(axes, channel, axis=-1).max(axis=-1)
+        assert ((axes[..., channel] - rest) > 60).sum() > 5
+    panel.get_by_label("Confidence").fill("99")
+    panel.get_by_role("switch", name="covariance ellipsoids", exact=True).check()
+    wider = 1.5 * differing(empty, drawn["covariance ellipsoids"])  # by the square of 3.4 standard deviations over 2.0
+    wait(page, lambda: differing(empty, shot(page)) > wider)
+    panel.get_by_role("switch", name="covariance ellipsoids", exact=True).uncheck()
+    change(page, served, {"camera": BEHIND_THE_CAMERA})
+    wait(page, lambda: differing(empty, shot(page)) == 0)
+    panel.get_by_role("switch", name="camera", exact=True).check()
+    wait(page, lambda: differing(empty, shot(page)) > 100)
+    outline = settled(page)
+    panel.get_by_role("switch", name="depth image in the camera").check()
+    wait(page, lambda: differing(outline, shot(page)) > 1000)
+    assert differing(empty, drawn["support planes"]) > 0.1 * empty.shape[0] * empty.shape[1]
+
+
+def test_messages_are_those_of_the_chosen_edge(small_page: Page, served: Served, session: str) -> None:
+    page = opened(small_page, served, session)
+    empty = look_from_eye(page, served, show=BARE)
+    page.get_by_role("button", name="between frame and drawer3").click()
+    wait(page, lambda: differing(empty, shot(page)) > 30)
+    seen, painted = settled(page), parts(served, session)
+    assert view(page, served)["edge"] == ["frame", "drawer3"]
+    # in the colours of those that say it, and of no other
+    said = {name: coloured(seen, rgb(painted[name])) for name in painted}
+    assert min(said["frame"], said["drawer3"]) > 5 and max(said["drawer1"], said["drawer2"]) == 0, said
+
+
+def test_colours_of_scan_and_particles(small_page: Page, served: Served, session: str) -> None:
+    page = opened(small_page, served, session)
+    panel = tab(page, "Layers")
+    by_depth = look_from_eye(page, served, show={**BARE, "scan": True})
+    panel.get_by_role("button", name="explained", exact=True).click()
+    wait(page, lambda: differing(by_depth, shot(page)) > 500)
+    explained = settled(page)
+    for kind in (EXPLAINED, IN_FRONT):
+        assert coloured(explained, rgb(KIND_COLOURS[kind])) > 20 + coloured(by_depth, rgb(KIND_COLOURS[kind])), kind
+    expect(panel.get_by_text("explained by the estimate")).to_be_visible()
+
+    panel.get_by_role("switch", name="points of the scan").uncheck()
+    panel.get_by_role("switch", name="particles", exact=True).check()
+    wait(page, lambda: view(page, served)["drawn"]["particles"] != {})
+    by_part = settled(page)
+    panel.get_by_role("button", name="by weight").click()
+    wait(page, lambda: differing(by_part, shot(page)) > 30)
+    paler = settled(page)
+    assert paler.mean() > by_part.mean()
+    # of 40 particles of a part most weigh little, some much
+    for colour in parts(served, session).values():
+        assert coloured(paler, rgb(colour)) < coloured(by_part, rgb(colour))
+
+
+def test_another_session_is_a_grey_ghost_and_a_table(small_page: Page, served: Served, session: str) -> None:
+    other = small.create(served.client, name="the other", seed=5)
+    small.step(served.client, other, 3)
+    page = opened(small_page, served, session)
+    alone = look_from_eye(page, served, show={**BARE, "estimate": True})
+    panel = tab(page, "Compare")
+    panel.get_by_label("Compare with").select_option(label="the other (3)")
+    wait(page, lambda: differing(alone, shot(page)) > 500)
+
+    mine, its = (served.client.get(f"{path}/estimate").json() for path in (session, other))
+    expect(panel.locator("#compare-links tr")).to_have_count(len(mine["links"]))
+    for name, here in mine["links"].items():
+        there = its["links"][name]
+        a, b = (np.array([link["pose"]["position"][axis] for axis in "xyz"]) for link in (here, there))
+        q, r = (np.array([link["pose"]["orientation"][axis] for axis in "xyzw"]) for link in (here, there))
+        wanted = [
+            1000 * float(np.linalg.norm(a - b)),
+            float(np.degrees(2 * np.arccos(min(1.0, abs(float(q @ r)))))),
+            1000 * max(here["std_xyz"]),
+            1000 * max(there["std_xyz"]),
+        ]
+        assert numbers(page, "#compare-links", name) == pytest.approx(wanted, abs=0.51 if wanted[0] > 100 else 0.051)
+    assert any(one["pose"] != its["links"][name]["pose"] for name, one in mine["links"].items())
+    for name, joint in mine["joints"].items():
+        positions = 100 * joint["position"], 100 * its["joints"][name]["position"]
+        wanted = [*positions, abs(positions[0] - positions[1])]
+        assert numbers(page, "#compare-joints", name) == pytest.approx(wanted, abs=0.051)
+
+    panel.get_by_role("button", name="Stop comparing").click()
+    wait(page, lambda: differing(alone, shot(page)) == 0)
+
+
+def test_five_plots_where_the_truth_is_known(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    row = served.client.get(f"{session}/trace").json()["iterations"][-1]
+    largest, seconds = 1000 * max(row["add"].values()), 1000 * row["seconds"]
+    wanted = {
+        "std": "largest", "effective": "smallest", "likelihood": f"{row['log_likelihood']:.1f}",
+        "add": f"largest {largest:.{0 if largest >= 100 else 2}f}", "seconds": f"{seconds:.0f}",
+    }  # fmt: skip
+    expect(page.locator(".plot:visible")).to_have_count(len(wanted))
+    for name, now in wanted.items():
+        plot = page.locator(f"[data-plot={name}]")
+        expect(plot.locator(".now")).to_contain_text(now.replace("-", "\u2212"))
+        # no title is cut off beside its number
+        assert plot.locator(".plot-title").evaluate("(title) => title.scrollWidth <= title.clientWidth"), name
+        wait(page, lambda plot=plot: float(pixels(plot.locator("canvas")).std()) > 5)  # type: ignore[misc]
+
+
+def test_nothing_is_drawn_for_a_page_that_is_not_seen(
+    small_page: Page, new_page: Callable[..., Page], served: Served
+) -> None:
+    session = small.create(served.client, name="a cabinet")
+    small.step(served.client, session, 2)
+    page = opened(small_page, served, session)
+    wait(page, lambda: (view(page, served)["drawn"] or {}).get("iteration") == 2)
+    # a headless browser's pages are always seen: the page is told what it would hear
+    see(page, False)
+    wait(page, lambda: view(page, served)["hidden"])
+    serial = view(page, served)["drawn"]["serial"]
+    small.step(served.client, session, 3)
+    watching = opened(new_page(), served, session)
+    wait(watching, lambda: (view(watching, served)["drawn"] or {}).get("iteration") == 5)
+    small.step(served.client, session, 1)
+    wait(watching, lambda: view(watching, served)["drawn"]["iteration"] == 6)
+    assert view(page, served)["drawn"] == {**view(page, served)["drawn"], "iteration": 2, "serial": serial}
+    see(page, True)
+    wait(page, lambda: view(page, served)["drawn"]["iteration"] == 6)
+    assert view(page, served)["drawn"]["serial"] == serial + 1  # what came between is left out
+    expect(page.locator("#shown")).to_have_text("6 / 6")
+
+
+def shot(page: Page) -> NDArray[np.uint8]:
+    return pixels(page.locator("#scene"))
+
+
+def see(page: Page, seen: bool) -> None:
+    page.evaluate(
+        """(hidden) => {
+          Object.defineProperty(document, "hidden", { configurable: true, get: () => hidden });
+          document.dispatchEvent(new Event("visibilitychange"));
+        }""",
+        not seen,
+    )
+
+
+def parts(served: Served, session: str) -> dict[str, str]:
+    """Names and colours."""
+    found: list[dict[str, Any]] = served.client.get(f"{session}/graph").json()["parts"]
+    return {part["name"]: part["colour"] for part in found}
+
+
+def numbers(page: Page, table: str, name: str) -> list[float]:
+    """The numbers of a table's row, without their units."""
+    row = page.locator(f"{table} tr", has=page.get_by_role("rowheader", name=name, exact=True))
+    texts = row.locator("td").all_inner_texts()
+    return [float("".join(sign for sign in text.replace("\u2212", "-") if sign in "-.0123456789")) for text in texts]

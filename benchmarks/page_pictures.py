@@ -1,7 +1,7 @@
 """Make the README's pictures of the page again: `python -m benchmarks.page_pictures [FOLDER]`, by default docs/images.
 
 A real server, a real browser and the sample cabinet: `page.png` and `page_dark.png` after the inference has come to
-rest, `start.png`, and `belief.webp`, a belief that forms iteration by iteration.
+rest, and `belief.webp`, a belief that forms iteration by iteration.
 """
 
 from __future__ import annotations
@@ -44,9 +44,6 @@ def main(folder: Path) -> None:
                     shown.wait_for_timeout(5000)
                     shown.screenshot(path=folder / name)
                     shown.close()
-                shown = opened(browser, f"{server.url}/", "light")
-                shown.wait_for_timeout(3000)
-                shown.screenshot(path=folder / "start.png")
         finally:
             browser.close()
             server.end(signal.SIGTERM)
@@ -80,11 +77,10 @@ def taken(shown: Page, client: httpx.Client, session: str, iteration: int) -> Im
 
 
 def opened(browser: Browser, url: str, scheme: Any) -> Page:
-    """The page at `url`, in `light` or `dark`, with its 3D view where it has one."""
+    """A session's page, in `light` or `dark`, with something in its 3D view."""
     shown = browser.new_page(viewport=SIZE, color_scheme=scheme, device_scale_factor=1)
     shown.goto(url)
-    if "/sessions/" in url:
-        shown.frame_locator("iframe").locator("canvas").first.wait_for()
+    shown.frame_locator("iframe").locator("canvas").first.wait_for()
     shown.wait_for_timeout(4000)
     return shown
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import re
-import shutil
 import signal
 import sys
 import tempfile
@@ -17,10 +16,11 @@ from typing import Any
 
 import httpx
 from PIL import Image
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
 from benchmarks import server_process
-from benchmarks.viewer import FLAGS, cabinet
+from benchmarks.browser import launched
+from benchmarks.viewer import cabinet
 
 OUT = Path(__file__).resolve().parent.parent / "docs" / "images"
 SIZE = {"width": 1440, "height": 900}
@@ -31,12 +31,10 @@ FRAMES, WIDTH, PACE, LAST = 22, 960, 260, 2500
 def main(folder: Path) -> None:
     """Make all."""
     folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="pictures-") as data, sync_playwright() as playwright:
+    with tempfile.TemporaryDirectory(prefix="pictures-") as data:
         server = server_process.start(Path(data)).ready()
-        path = shutil.which("chromium") or shutil.which("google-chrome")
-        browser = playwright.chromium.launch(executable_path=path, args=[*FLAGS])
         try:
-            with httpx.Client(base_url=f"{server.url}/api/v1", timeout=120.0) as client:
+            with launched() as browser, httpx.Client(base_url=f"{server.url}/api/v1", timeout=120.0) as client:
                 session = cabinet(client, name="Cabinet with an open drawer")
                 animate(browser, server.url, client, session, folder / "belief.webp")
                 for scheme, name in (("light", "page.png"), ("dark", "page_dark.png")):
@@ -45,7 +43,6 @@ def main(folder: Path) -> None:
                     shown.screenshot(path=folder / name)
                     shown.close()
         finally:
-            browser.close()
             server.end(signal.SIGTERM)
 
 

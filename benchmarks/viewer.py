@@ -17,7 +17,6 @@ import argparse
 import asyncio
 import io
 import json
-import shutil
 import signal
 import tempfile
 import threading
@@ -31,41 +30,70 @@ from typing import Any
 import httpx
 import numpy as np
 import websockets.asyncio.client
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page
 
 from benchmarks import server_process
+from benchmarks.browser import launched
 from benchmarks.server_process import CABINET, ServerProcess, upload_model, upload_scan
 from benchmarks.tables import markdown, progress
 from benchmarks.trials import PROJECT, load_region
 
 ROBOT = PROJECT / "sample_data" / "robot"
-# What a browser without a graphics card needs to show WebGL.
-FLAGS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 VIEW = "benchmark"
 
-# Resolves once the 3D view's canvas shows something else than before `act` was called; milliseconds from the call.
-# The canvas is read inside an animation frame, as its content is gone after it.
+# In every frame of the page: after one in which WebGL was drawn, `drawn` is called. Only then has a canvas its content,
+# and whoever reads it waits until it is drawn to the end.
+_HEAR_DRAWING = """
+{
+  const soon = window.requestAnimationFrame.bind(window);
+  let drawing = false;
+  for (const name of ["drawElements", "drawArrays", "drawElementsInstanced", "drawArraysInstanced"]) {
+    const draw = WebGL2RenderingContext.prototype[name];
+    WebGL2RenderingContext.prototype[name] = function (...given) {
+      drawing = true;
+      return draw.apply(this, given);
+    };
+  }
+  window.requestAnimationFrame = (act) => soon((time) => {
+    drawing = false;
+    act(time);
+    if (drawing) window.drawn?.();
+  });
+}
+"""
+
+# Resolves once the 3D view's canvas shows something else than before the click on "step"; milliseconds from the click.
 _UNTIL_OTHER_PIXELS = """
-async () => {
-  const all = [...document.querySelector("iframe").contentDocument.querySelectorAll("canvas")];
+() => new Promise((done) => {
+  const inner = document.querySelector("iframe").contentWindow;
+  const all = [...inner.document.querySelectorAll("canvas")];
   const canvas = all.reduce((most, one) => (one.width * one.height > most.width * most.height ? one : most));
   const small = new OffscreenCanvas(192, 120).getContext("2d", { willReadFrequently: true });
-  const frame = () => new Promise((done) => requestAnimationFrame(done));
-  const read = () => {
-    small.drawImage(canvas, 0, 0, 192, 120);
-    return small.getImageData(0, 0, 192, 120).data;
+  let before = window.before; // of the step before: nothing is drawn while nothing changes
+  let start = null;
+  let late = null;
+  const finish = (taken) => {
+    clearTimeout(late);
+    inner.drawn = null;
+    window.before = before;
+    done(taken);
   };
-  const differs = (a, b) => a.some((value, place) => Math.abs(value - b[place]) > 4);
-  await frame();
-  const before = read();
-  const start = performance.now();
-  document.querySelector("#step").click();
-  while (performance.now() - start < 10000) {
-    await frame();
-    if (differs(read(), before)) return performance.now() - start;
-  }
-  return null;
-}
+  const begin = () => setTimeout(() => {
+    start = performance.now();
+    document.querySelector("#step").click();
+    late = setTimeout(() => finish(null), 10000);
+  }, WAIT);
+  inner.drawn = () => {
+    small.clearRect(0, 0, 192, 120);
+    small.drawImage(canvas, 0, 0, 192, 120);
+    const { data } = small.getImageData(0, 0, 192, 120);
+    const other = start !== null && data.some((value, place) => Math.abs(value - before[place]) > 4);
+    if (!before) begin();
+    if (other || start === null) before = data;
+    if (other) finish(performance.now() - start);
+  };
+  if (before) begin();
+})
 """
 
 
@@ -95,13 +123,12 @@ def main(words: Sequence[str] | None = None) -> int:
 def steps(server: ServerProcess, count: int = 60) -> None:
     """From the click on "step" to new pixels."""
     with api(server) as client:
-        session = cabinet(client)
+        session = cabinet(client, config={"preset": "paper"})  # whose particles move in each iteration
         client.post(f"/sessions/{session}/step", json={"iterations": 3}).raise_for_status()
         with page(server, session) as shown:
             taken = []
-            for _ in range(count):
-                taken.append(shown.evaluate(_UNTIL_OTHER_PIXELS))
-                shown.wait_for_timeout(300)
+            for wait in np.random.default_rng(0).integers(200, 900, count).tolist():
+                taken.append(shown.evaluate(_UNTIL_OTHER_PIXELS.replace("WAIT", str(wait))))
     missed = sum(time is None for time in taken)
     row = ["step to pixels", len(taken), *quantiles([time for time in taken if time is not None]), missed]
     print(markdown(["", "steps", "median (ms)", "90 %", "longest", "not seen"], [row]))
@@ -243,15 +270,13 @@ def create(client: httpx.Client, model: httpx.Response, scan: httpx.Response, sc
 @contextmanager
 def page(server: ServerProcess, session: str) -> Iterator[Page]:
     """The session's page in Chromium, with something in its 3D view."""
-    with sync_playwright() as playwright:
-        path = shutil.which("chromium") or shutil.which("google-chrome")
-        browser = playwright.chromium.launch(executable_path=path, args=[*FLAGS])
+    with launched() as browser:
         shown = browser.new_page(viewport={"width": 1440, "height": 900})
+        shown.add_init_script(_HEAR_DRAWING)
         shown.goto(f"{server.url}/sessions/{session}/")
         shown.frame_locator("iframe").locator("canvas").first.wait_for()
         shown.wait_for_timeout(4000)
         yield shown
-        browser.close()
 
 
 @contextmanager

@@ -13,22 +13,16 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import shlex
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+from tests.dockerfile import copy_parts, instructions
+
 PROJECT = Path(__file__).resolve().parent.parent
 CHANGE_NO_FILE = ("VOLUME", "EXPOSE", "HEALTHCHECK", "ENTRYPOINT", "CMD")
-
-
-def instructions(text: str) -> list[tuple[str, str]]:
-    """Name and argument of each, continued lines joined, comments left out."""
-    lines = "\n".join(line for line in text.splitlines() if not line.lstrip().startswith("#"))
-    joined = re.sub(r"\\\n\s*", "", lines)
-    return [(name, rest) for name, _, rest in (line.partition(" ") for line in joined.splitlines() if line.strip())]
 
 
 class Stage:
@@ -58,9 +52,7 @@ class Stage:
 
     def copy(self, argument: str, stages: dict[str, Stage]) -> None:
         """COPY, from the project or from an earlier stage."""
-        words = shlex.split(argument)
-        options = dict(word[2:].split("=", 1) for word in words if word.startswith("--"))
-        *sources, target = (word for word in words if not word.startswith("--"))
+        options, sources, target = copy_parts(argument)
         origin = stages[options["from"]].root if "from" in options else PROJECT
         for source in sources:
             place = origin / source.lstrip("/")

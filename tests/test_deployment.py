@@ -14,6 +14,7 @@ import pytest
 import yaml
 
 from app.server_config import ServerConfig, config_from, environment_name
+from tests import dockerfile
 
 INSTRUCTIONS = set(
     re.findall(r"\w+", "ADD ARG CMD COPY ENTRYPOINT ENV EXPOSE FROM HEALTHCHECK LABEL RUN SHELL USER VOLUME WORKDIR")
@@ -22,11 +23,8 @@ INSTRUCTIONS = set(
 
 @pytest.fixture(scope="module")
 def instructions(repository: Path) -> list[tuple[str, str]]:
-    """Name and argument of each, continued lines joined, comments left out."""
-    lines = (repository / "Dockerfile").read_text(encoding="utf-8").splitlines()
-    text = "\n".join(line for line in lines if not line.lstrip().startswith("#"))
-    joined = re.sub(r"\\\n\s*", "", text)
-    return [(name, rest) for name, _, rest in (line.partition(" ") for line in joined.splitlines() if line.strip())]
+    """Of the project's Dockerfile, name and argument of each."""
+    return dockerfile.instructions((repository / "Dockerfile").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")
@@ -45,14 +43,7 @@ def environment(instructions: list[tuple[str, str]]) -> dict[str, str]:
 
 def copied(stage: list[tuple[str, str]]) -> list[tuple[dict[str, str], list[str], str]]:
     """Options, sources and target of each COPY."""
-    found = []
-    for name, rest in stage:
-        if name == "COPY":
-            words = shlex.split(rest)
-            options = dict(word[2:].split("=", 1) for word in words if word.startswith("--"))
-            *sources, target = (word for word in words if not word.startswith("--"))
-            found.append((options, sources, target))
-    return found
+    return [dockerfile.copy_parts(rest) for name, rest in stage if name == "COPY"]
 
 
 def ignored(path: str, patterns: list[str]) -> bool:

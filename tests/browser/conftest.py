@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import os
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -18,17 +17,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
-from playwright.sync_api import Browser, BrowserContext, Locator, Page, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Locator, Page
 
+from benchmarks.browser import NAMES, executable, launched
 from tests.servers import Served, serving
 
-# In the order of .ci/browser.
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-# Without a GPU: the 3D view is drawn by SwiftShader. /dev/shm is small in containers, and a full one crashes pages.
-OPTIONS = [
-    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--disable-dev-shm-usage",
-]  # fmt: skip
 DESK, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 # A window whose 3D scene is drawn soon without a GPU, and not yet in one column.
 SMALL = {"width": 1000, "height": 640}
@@ -76,16 +69,13 @@ class Troubles:
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
     """Chromium. Without one the tests skip on a desk, and fail where the environment has CI set."""
-    path = next((found for found in map(shutil.which, NAMES) if found), None)
-    if path is None:
+    if executable() is None:
         sentence = f"no browser is there: none of {', '.join(NAMES)} is on the path; .ci/browser installs one"
         if os.environ.get("CI"):
             pytest.fail(sentence)
         pytest.skip(sentence)
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=path, args=OPTIONS)
+    with launched() as started:
         yield started
-        started.close()
 
 
 @pytest.fixture

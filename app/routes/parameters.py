@@ -1,0 +1,58 @@
+"""What do many calls ask for alike? A session, one of its iterations, links of its model: how each is named in a call,
+and what the call gets for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated
+
+import anyio.to_thread
+from fastapi import Path, Query, Request
+
+from app.problems import HttpProblem
+from app.sessions.readable import Readable
+from app.sessions.sessions import Sessions
+from app.sessions.snapshot import Snapshot
+
+SessionId = Annotated[str, Path(description="id of the session")]
+ReadableId = Annotated[str, Path(description="id of the session, or of an uploaded recording")]
+Link = Annotated[str, Path(description="name of the link")]
+Iteration = Annotated[
+    int | None, Query(ge=0, le=2**31, description="number of the iteration, 0 is the start; default: the newest")
+]
+
+
+def sessions_of(request: Request) -> Sessions:
+    """All sessions of the server."""
+    found: Sessions = request.app.state.sessions
+    return found
+
+
+async def readable(request: Request, session_id: str) -> Readable:
+    """`Sessions.get` for calls in the event loop: from memory, and in a thread only what is not there. HttpProblem
+    404."""
+    sessions = sessions_of(request)
+    session = sessions.at_hand(session_id)
+    if session is None:
+        session = await anyio.to_thread.run_sync(sessions.get, session_id)
+    return session
+
+
+def read(
+    request: Request, session_id: str, iteration: int | None = None, links: Iterable[str] = ()
+) -> tuple[Readable, Snapshot]:
+    """A session and an iteration of it, None: the newest. HttpProblem 404, also for a link of `links` that its model
+    does not have, and 409."""
+    session = sessions_of(request).get(session_id)
+    made = session.read(iteration)
+    check_links(made, links)
+    return session, made
+
+
+def check_links(made: Snapshot, links: Iterable[str]) -> None:
+    """HttpProblem 404 for the first of `links` that the model does not have."""
+    known = made.problem.mrf.model.links
+    for link in links:
+        if link not in known:
+            raise HttpProblem(404, f"link '{link:.60}' is not in the model; it has {', '.join(known)}")

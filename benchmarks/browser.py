@@ -1,0 +1,32 @@
+"""Which browser shows the page to benchmarks and tests? The system's Chromium, driven by Playwright, without a GPU."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from playwright.sync_api import Browser, sync_playwright
+
+# In the order of .ci/browser.
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+# Without a GPU: the 3D view is drawn by SwiftShader. /dev/shm is small in containers, and a full one crashes pages.
+FLAGS = (
+    "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--disable-dev-shm-usage",
+)  # fmt: skip
+
+
+def executable() -> str | None:
+    """Path of the first of NAMES that is there; None where none is."""
+    return next((found for found in map(shutil.which, NAMES) if found), None)
+
+
+@contextmanager
+def launched() -> Iterator[Browser]:
+    """The browser; where the system has none, one that Playwright itself has installed."""
+    with (
+        sync_playwright() as playwright,
+        playwright.chromium.launch(executable_path=executable(), args=[*FLAGS]) as browser,
+    ):
+        yield browser

@@ -19,6 +19,7 @@ from pmpnbp.inference import run as engine
 from pmpnbp.inference.belief import IterationReport, State
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout import estimate as readout
+from pmpnbp.readout.estimate import Placement
 from pmpnbp.recording import Inputs
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.observe import observe
@@ -94,6 +95,7 @@ def after(recent: Sequence[IterationReport], state: State, report: IterationRepo
 def read_out(
     problem: Problem,
     report: IterationReport,
+    placed: Placement | None = None,
     *,
     converged: bool,
     seconds: float,
@@ -103,11 +105,12 @@ def read_out(
 ) -> dict[str, Any]:
     """The members of result.json for an iteration.
 
+    placed : what `readout.place` gave of it, where it is there already
     max_std : metres, up to which a link is certain; seconds : wall time of the inference so far
     truth : as `truth_file.load_truth` gives it; adds how far the estimate is from it
     """
     found = readout.estimate(
-        problem, report, max_std=max_std, converged=converged, method=method, seconds=round(seconds, 3)
+        problem, report, placed, max_std=max_std, converged=converged, method=method, seconds=round(seconds, 3)
     )
     if truth is None:
         return readout.to_result(found)

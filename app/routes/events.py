@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
-from collections.abc import AsyncIterator
-from contextlib import suppress
+from collections.abc import AsyncIterator, Iterator
+from contextlib import aclosing, suppress
 from typing import Annotated
 
 import anyio.to_thread
-from fastapi import APIRouter, Header, Path, Request
+from fastapi import APIRouter, Header, Request
 from fastapi.responses import StreamingResponse
 
 from app.json_text import json_bytes
 from app.problems import HttpProblem, responses
+from app.routes import event_stream
+from app.routes.event_stream import framed
+from app.routes.parameters import SessionId, readable
 from app.schemas import answer
 from app.sessions.events import Event
 from app.sessions.readable import Readable
-from app.sessions.sessions import Sessions
 from pmpnbp.errors import RecordingError
 
 router = APIRouter(prefix="/api/v1", tags=["events"])
-
-# After so long without an event a comment tells that the connection is alive, seconds.
-KEEP_ALIVE = 15.0
 
 
 @router.get(
@@ -39,54 +37,35 @@ KEEP_ALIVE = 15.0
     responses=answer("The stream.", content={"text/event-stream": {"schema": {"type": "string"}}}) | responses(404),
 )
 async def get_events(
-    session_id: Annotated[str, Path(description="id of the session")],
+    session_id: SessionId,
     request: Request,
     last_event_id: Annotated[
         str | None, Header(description="number of the last event that was received", pattern="^[0-9]{0,15}$")
     ] = None,
 ) -> StreamingResponse:
     """The stream; it ends with the session, or the server."""
-    sessions: Sessions = request.app.state.sessions
-    session = sessions.at_hand(session_id)
-    if session is None:
-        session = await anyio.to_thread.run_sync(sessions.get, session_id)
+    session = await readable(request, session_id)
     seen = int(last_event_id) if last_event_id else None
-    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return StreamingResponse(stream(session, seen), media_type="text/event-stream", headers=headers)
+    return event_stream.response(_stream(session, seen))
 
 
-async def stream(session: Readable, seen: int | None) -> AsyncIterator[bytes]:
+async def _stream(session: Readable, seen: int | None) -> AsyncIterator[bytes]:
     """The text of the stream: what came after event `seen` (None: how things stand), then everything new."""
-    told, loop = asyncio.Event(), asyncio.get_running_loop()
+    events = session.events
+    cursor = events.last
+    yield event_stream.RETRY
+    for event in await anyio.to_thread.run_sync(_before, session, seen, cursor):
+        yield framed(event.kind, event.data, event.number)
 
-    def wake() -> None:
-        with suppress(RuntimeError):  # the loop has ended, and this stream with it
-            loop.call_soon_threadsafe(told.set)
+    def fresh(_: list[str]) -> Iterator[bytes]:
+        nonlocal cursor
+        for event in events.since(cursor):
+            yield framed(event.kind, event.data, event.number)
+            cursor = event.number
 
-    end = session.events.listen(wake)
-    try:
-        cursor = session.events.last
-        yield b"retry: 1000\n\n"
-        for event in await anyio.to_thread.run_sync(_before, session, seen, cursor):
-            yield text(event)
-        while not session.events.closed:
-            told.clear()
-            fresh = session.events.since(cursor)
-            for event in fresh:
-                yield text(event)
-                cursor = event.number
-            if not fresh:
-                try:
-                    await asyncio.wait_for(told.wait(), KEEP_ALIVE)
-                except TimeoutError:
-                    yield b": still here\n\n"
-    finally:
-        end()
-
-
-def text(event: Event) -> bytes:
-    """An event as the protocol has it."""
-    return b"id: %d\nevent: %s\ndata: %s\n\n" % (event.number, event.kind.encode(), event.data)
+    async with aclosing(event_stream.follow(events.listen, fresh, lambda: events.closed)) as following:
+        async for text in following:
+            yield text
 
 
 def _before(session: Readable, seen: int | None, cursor: int) -> list[Event]:

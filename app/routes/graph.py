@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from fastapi import APIRouter, Path, Request
+from fastapi import APIRouter, Request
 
 from app.palette import hexadecimal, part_colour, part_colour_on_dark
 from app.problems import responses
+from app.routes.parameters import SessionId, sessions_of
 from app.schemas_particles import Graph
-from app.sessions.sessions import Sessions
 from pmpnbp.scene.articulated_object import Joint
 
 router = APIRouter(prefix="/api/v1", tags=["results"])
@@ -25,10 +25,9 @@ router = APIRouter(prefix="/api/v1", tags=["results"])
     "an edge, along which two messages go.",
     responses=responses(404, 409),
 )
-def get_graph(session_id: Annotated[str, Path(description="id of the session")], request: Request) -> Any:
+def get_graph(session_id: SessionId, request: Request) -> Any:
     """Nodes and edges."""
-    sessions: Sessions = request.app.state.sessions
-    session = sessions.get(session_id)
+    session = sessions_of(request).get(session_id)
     problem = session.snapshot.problem
     model = problem.mrf.model
     parts = [

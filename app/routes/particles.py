@@ -10,24 +10,19 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from app.json_text import without_nan
 from app.pictures.particle_picture import LONGEST, NARROWEST, particle_picture
 from app.problems import HttpProblem, responses
+from app.routes.parameters import Iteration, Link, SessionId, read
 from app.schemas import answer
 from app.schemas_particles import HeaviestParticles, Marginals, ParticleReasons
-from app.sessions.readable import Readable
-from app.sessions.sessions import Sessions
+from app.sessions.readable import Readable, no_view
 from app.sessions.snapshot import Snapshot
 from pmpnbp.inference.belief import FLIP, NEIGHBOUR, OWN, SOURCES, START
-from pmpnbp.readout.estimate import link_particles, parts_of_links
+from pmpnbp.readout.estimate import parts_of_links
 from pmpnbp.readout.marginals import marginals
 from pmpnbp.scene.articulated_object import Edge
 
 router = APIRouter(prefix="/api/v1", tags=["results"])
 
-SessionId = Annotated[str, Path(description="id of the session")]
-Link = Annotated[str, Path(description="name of the link")]
 Index = Annotated[int, Path(ge=0, le=2**31, description="number of the particle, counted from 0")]
-Iteration = Annotated[
-    int | None, Query(ge=0, le=2**31, description="number of the iteration, 0 is the start; default: the newest")
-]
 _NOT_HERE = responses(409, status_404="The session, the link or the iteration is not here.")
 _NO_PARTICLE = responses(409, status_404="The session, the link, the iteration or the particle is not here.")
 
@@ -49,13 +44,13 @@ def get_marginals(
     bins: Annotated[int, Query(ge=1, le=400, description="bars of each histogram")] = 40,
 ) -> Any:
     """The histograms."""
-    session, made = _read(request, session_id, iteration, link)
+    session, made = read(request, session_id, iteration, [link])
     found = [
         {
             "name": one.name, "unit": one.unit, "edges": one.edges.tolist(), "density": one.density.tolist(),
             "estimate": one.estimate,
         }
-        for one in marginals(made.problem, made.report, link, bins)
+        for one in marginals(made.problem, made.report, link, bins, made.placed)
     ]  # fmt: skip
     return _head(session, made, link) | {"marginals": found}
 
@@ -76,10 +71,10 @@ def get_heaviest_particles(
     limit: Annotated[int, Query(ge=1, le=20_000, description="particles, at most")] = 50,
 ) -> Any:
     """The best of them."""
-    session, made = _read(request, session_id, iteration, link)
+    session, made = read(request, session_id, iteration, [link])
     node = _node(made, link)
     heaviest = np.argsort(-made.report.belief.log_weights[node], kind="stable")[:limit]
-    poses_world_link = link_particles(made.problem, made.report)[:, made.problem.mrf.model.links.index(link)]
+    poses_world_link = made.placed.particles[:, made.problem.mrf.model.links.index(link)]
     found = [_particle(made, node, int(index)) | {"pose": poses_world_link[index].tolist()} for index in heaviest]
     count = int(made.report.belief.log_weights.shape[1])
     return without_nan(_head(session, made, link) | {"count": count, "particles": found})
@@ -96,12 +91,12 @@ def get_heaviest_particles(
 )
 def get_particle(session_id: SessionId, link: Link, index: Index, request: Request, iteration: Iteration = None) -> Any:
     """The terms."""
-    session, made = _read(request, session_id, iteration, link)
+    session, made = read(request, session_id, iteration, [link])
     node = _node(made, link)
     _check_index(made, index)
     model, belief = made.problem.mrf.model, made.report.belief
     why = session.why(made, model.parts[node].name, index)
-    pose = link_particles(made.problem, made.report)[index, model.links.index(link)]
+    pose = made.placed.particles[index, model.links.index(link)]
     unary = why["temperature"] * why["log_unary"]
     shares = {sender["from"]: sender["log_share"] for sender in why["messages"]}
     joints = None if belief.joint_positions is None else model.joint_values(belief.joint_positions[index])
@@ -150,25 +145,15 @@ def get_particle_picture(
     theme: Annotated[Literal["light", "dark"], Query(description="of the page it is for")] = "light",
 ) -> Response:
     """Draw it."""
-    session, made = _read(request, session_id, iteration, link)
+    session, made = read(request, session_id, iteration, [link])
     _check_index(made, index)
     views = len(made.problem.observation.views)
     if view >= views:
-        raise HttpProblem(404, f"view {view} of {session.kind} '{session.id}' is not here; it has 0 to {views - 1}")
+        raise no_view(session, view, views)
     picture = particle_picture(
         made.problem, made.report, _node(made, link), index, view=view, width=width, dark=theme == "dark"
     )
     return Response(picture, media_type="image/png")
-
-
-def _read(request: Request, session_id: str, iteration: int | None, link: str) -> tuple[Readable, Snapshot]:
-    sessions: Sessions = request.app.state.sessions
-    session = sessions.get(session_id)
-    made = session.read(iteration)
-    known = made.problem.mrf.model.links
-    if link not in known:
-        raise HttpProblem(404, f"link '{link:.60}' is not in the model; it has {', '.join(known)}")
-    return session, made
 
 
 def _head(session: Readable, made: Snapshot, link: str) -> dict[str, Any]:
@@ -239,15 +224,9 @@ def _axes(made: Snapshot, node: int, sender: str, drawn: list[float]) -> dict[st
     """The joint draw of a message by joint; of a joint with several axes by each of them."""
     model = made.problem.mrf.model
     other = next(number for number, part in enumerate(model.parts) if part.name == sender)
-    found: dict[str, float] = {}
     edge = _edge(made, node, other)
-    for joint in _joints(made, node, other):
-        for _ in joint.elementary_axes()[0]:
-            assert edge is not None
-            single = len(joint.elementary_axes()[0]) == 1
-            name = joint.name if single else model.coordinate_names[edge.coordinates[len(found)]]
-            found[name] = drawn[len(found)]
-    return found
+    # not strict: all edges draw as many numbers as the longest has axes
+    return {} if edge is None else dict(zip(model.edge_axis_names(edge), drawn, strict=False))
 
 
 def _number(moved: Any) -> float | list[float]:

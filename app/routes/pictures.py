@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 
 from app.pictures.part_images import DrawingError
 from app.pictures.pictures import LONGEST, Pictures
 from app.problems import HttpProblem, responses
-from app.sessions.sessions import Sessions
-from pmpnbp.readout.estimate import agreeing
+from app.routes.parameters import SessionId, read
 
 router = APIRouter(prefix="/api/v1", tags=["results"])
 
@@ -31,7 +30,7 @@ _PICTURE: dict[int | str, dict[str, Any]] = {
 )
 def get_estimate_picture(
     request: Request,
-    session_id: Annotated[str, Path(description="id of the session")],
+    session_id: SessionId,
     iteration: Annotated[int | None, Query(ge=0, description="number of the iteration; default: the newest")] = None,
     view: Annotated[int, Query(ge=0, description="which of the session's scans, counted from 0")] = 0,
     width: Annotated[
@@ -45,19 +44,16 @@ def get_estimate_picture(
     ] = None,
 ) -> Response:
     """Draw it, or find it drawn."""
-    sessions: Sessions = request.app.state.sessions
     pictures: Pictures = request.app.state.pictures
-    session = sessions.get(session_id)
-    made = session.read(iteration)
+    session, made = read(request, session_id, iteration)
     scan_name, scan = session.scan(view)
     # an event's number is never used again, while iterations count anew after a reset
     name = (session_id, made.row["event"], scan_name, width)
     picture = pictures.kept(name)
     if picture is None:
         model = made.problem.mrf.model
-        part_poses = model.part_poses(*agreeing(made.problem, made.report))
         try:
-            picture = pictures.draw(scan, model, part_poses, width, scan_name=scan_name)
+            picture = pictures.draw(scan, model, made.placed.part_poses, width, scan_name=scan_name)
         except DrawingError as error:
             raise HttpProblem(503, str(error)) from None
         pictures.keep(name, picture)

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from app.problems import responses
 from app.routes.entries import IF_NONE_MATCH, Stored, created, form, unchanged_or
-from app.sessions.sessions import Sessions
+from app.routes.parameters import sessions_of
 from app.store.store import Store, safe_name
 from app.uploads.uploads import Uploads, etag, unchanged
 
@@ -116,8 +116,7 @@ def download_recording(recording_id: str, request: Request) -> Response:
 def delete_recording(recording_id: str, request: Request) -> Response:
     """Forget an uploaded recording."""
     store: Store = request.app.state.store
-    sessions: Sessions = request.app.state.sessions
     store.delete_recording(recording_id)
-    sessions.forget_recording(recording_id)
+    sessions_of(request).forget_recording(recording_id)
     request.app.state.views.close_session(recording_id)
     return Response(status_code=204)

@@ -11,7 +11,6 @@ from tempfile import TemporaryDirectory
 from typing import Annotated, Any, BinaryIO, Literal
 
 import anyio.to_thread
-import numpy as np
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
@@ -19,20 +18,16 @@ from app import schemas
 from app.json_text import json_bytes
 from app.particle_files import MEDIA_TYPES, Format, written
 from app.problems import HttpProblem, responses
+from app.routes.parameters import Iteration, Link, SessionId, check_links, read, readable, sessions_of
 from app.sessions.readable import Readable
-from app.sessions.sessions import Sessions
 from app.sessions.snapshot import Snapshot
 from app.store.landing import full_disk_as_problem
 from app.store.store import safe_name
 from pmpnbp.geometry import poses
-from pmpnbp.readout.estimate import link_particles, parts_of_links
+from pmpnbp.readout.estimate import parts_of_links
 
 router = APIRouter(prefix="/api/v1", tags=["results"])
 
-SessionId = Annotated[str, Path(description="id of the session")]
-Iteration = Annotated[
-    int | None, Query(ge=0, le=2**31, description="number of the iteration, 0 is the start; default: the newest")
-]
 FormatQuery = Annotated[
     Format,
     Query(
@@ -46,11 +41,6 @@ _BINARY = {"schema": {"type": "string", "format": "binary"}}
 # Bytes of a recording sent at a time.
 _CHUNK = 1 << 18
 _FILES = {"application/octet-stream": _BINARY}
-
-
-def _session(request: Request, id: str) -> Readable:
-    sessions: Sessions = request.app.state.sessions
-    return sessions.get(id)
 
 
 @router.get(
@@ -69,16 +59,20 @@ async def get_estimate(
     wait: Annotated[Wait | None, Query(description="what to wait for; with `iteration` nothing is waited for")] = None,
     timeout: Annotated[float, Query(ge=0, le=600, description="seconds to wait, at most")] = 30.0,
 ) -> Response:
-    """The newest at once, from memory; all else in a thread."""
-    sessions: Sessions = request.app.state.sessions
-    session = sessions.at_hand(session_id)
-    if session is None:
-        session = await anyio.to_thread.run_sync(sessions.get, session_id)
+    """The newest at once where it was asked for before; all else in a thread."""
+    session = await readable(request, session_id)
     made = session.present
     if made is None or iteration is not None or wait is not None:
         made = await anyio.to_thread.run_sync(_found, session, iteration, wait, timeout)
     tail = json_bytes({"session_id": session.id, "state": session.state})
-    return Response(made.result_text[:-1] + b"," + tail[1:], media_type="application/json")
+    text = made.known_text
+    if text is None:
+        text = await anyio.to_thread.run_sync(_text, made)
+    return Response(text[:-1] + b"," + tail[1:], media_type="application/json")
+
+
+def _text(made: Snapshot) -> bytes:
+    return made.result_text
 
 
 def _found(session: Readable, iteration: int | None, wait: Wait | None, timeout: float) -> Snapshot:
@@ -119,18 +113,16 @@ def _so(session: Readable, wait: Wait) -> bool:
 )
 def get_belief(
     session_id: SessionId,
-    link: Annotated[str, Path(description="name of the link")],
+    link: Link,
     request: Request,
     iteration: Iteration = None,
     form: FormatQuery = "json",
 ) -> Response:
     """The particles."""
-    session = _session(request, session_id)
-    made = session.read(iteration)
+    session, made = read(request, session_id, iteration, [link])
     model, belief = made.problem.mrf.model, made.report.belief
-    _check_links(made, [link])
     node = parts_of_links(model)[link]
-    particles = link_particles(made.problem, made.report)[:, model.links.index(link)]
+    particles = made.placed.particles[:, model.links.index(link)]
     members = _members(session, made) | {"link": link, "part": model.parts[node].name}
     columns = {"log_weights": belief.log_weights[node], "log_unary": belief.log_unary[node]}
     return _file(f"{link}-{made.iteration}", written(members, particles, columns, form), form)
@@ -155,10 +147,8 @@ def get_message(
     form: FormatQuery = "json",
 ) -> Response:
     """The particles."""
-    session = _session(request, session_id)
-    made = session.read(iteration)
+    session, made = read(request, session_id, iteration, [sender, receiver])
     parts, messages = made.problem.mrf.model.parts, made.report.messages
-    _check_links(made, [sender, receiver])
     if messages is None:
         raise HttpProblem(404, f"iteration {made.iteration} ({made.report.stage}) has no messages")
     ends = [next((n for n, part in enumerate(parts) if link in part.links), None) for link in (sender, receiver)]
@@ -197,10 +187,17 @@ def get_trace(
     session_id: SessionId,
     request: Request,
     after: Annotated[int, Query(ge=-1, le=2**31, description="only iterations beyond this one")] = -1,
+    last: Annotated[int | None, Query(ge=0, le=2**31, description="only iterations up to this one")] = None,
+    limit: Annotated[
+        int | None, Query(ge=1, le=2**31, description="rows, at most: of more, evenly chosen ones, and the last")
+    ] = None,
 ) -> Response:
     """The rows as they were recorded."""
-    session = _session(request, session_id)
-    rows = ",".join(session.rows(after))
+    session = sessions_of(request).get(session_id)
+    found = session.rows(after, last)
+    if limit is not None and len(found) > limit:
+        found = [found[-1 - place] for place in range(0, len(found), -(-len(found) // limit))][::-1]
+    rows = ",".join(found)
     head = json_bytes({"session_id": session.id, "changes": session.changes()})[:-1].decode()
     return Response(f'{head},"iterations":[{rows}]}}'.encode(), media_type="application/json")
 
@@ -224,12 +221,13 @@ def get_decision(
     ] = None,
 ) -> Any:
     """Decide by the belief's covariance."""
-    session = _session(request, session_id)
-    made = session.read()
-    asked = [*made.result["links"]] if links is None else list(dict.fromkeys(links.split(",")))
-    _check_links(made, asked)
-    limit = made.result["max_std"] if max_std is None else max_std
-    blocking = [link for link in asked if not np.all(np.array(made.result["links"][link]["std_xyz"]) <= limit)]
+    session, made = read(request, session_id)
+    names = made.problem.mrf.model.links
+    asked = [*names] if links is None else list(dict.fromkeys(links.split(",")))
+    check_links(made, asked)
+    limit = made.max_std if max_std is None else max_std
+    certain = made.placed.certain(limit)
+    blocking = [link for link in asked if not certain[names.index(link)]]
     return {
         "session_id": session.id, "iteration": made.iteration, "action": "look" if blocking else "act",
         "certain": not blocking, "max_std": limit, "links": asked, "blocking": blocking, "views": [],
@@ -247,7 +245,7 @@ def get_decision(
 )
 def get_recording_of_session(session_id: SessionId, request: Request) -> StreamingResponse:
     """Copy, and send the copy, which has no name any more: nothing is left of it, however the call ends."""
-    session = _session(request, session_id)
+    session = sessions_of(request).get(session_id)
     title = safe_name(f"{session.status()['name'] or session.id}.sqlite")
     with full_disk_as_problem(), TemporaryDirectory(dir=request.app.state.store.root / "incoming") as folder:
         copy = FilePath(folder) / "recording.sqlite"
@@ -272,13 +270,6 @@ def _members(session: Readable, made: Snapshot) -> dict[str, Any]:
         "iteration": made.iteration,
         "frame_id": made.problem.observation.frame_id,
     }
-
-
-def _check_links(made: Snapshot, links: list[str]) -> None:
-    known = made.result["links"]
-    for link in links:
-        if link not in known:
-            raise HttpProblem(404, f"link '{link:.60}' is not in the model; it has {', '.join(known)}")
 
 
 def _file(stem: str, content: bytes, form: Format) -> Response:

@@ -8,9 +8,9 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
 
 from app.problems import responses
+from app.routes.parameters import sessions_of
 from app.schemas import Body, Session, answer
 from app.sessions.sample import SAMPLES, sample_data
-from app.sessions.sessions import Sessions
 
 router = APIRouter(prefix="/api/v1", tags=["sessions"])
 
@@ -60,8 +60,7 @@ def list_samples() -> Any:
 )
 def create_sample_session(body: SampleRequest, request: Request, response: Response) -> Any:
     """Make it and, where it was asked for, set it going."""
-    sessions: Sessions = request.app.state.sessions
-    session = sessions.sample(body.scene)
+    session = sessions_of(request).sample(body.scene)
     if body.run:
         session.run(until="converged")
     found = session.status()

@@ -5,24 +5,18 @@ from __future__ import annotations
 import hashlib
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Path, Request, Response
+from fastapi import APIRouter, Header, Request, Response
 
 from app.problems import responses
+from app.routes.parameters import SessionId, sessions_of
 from app.schemas import AddScanRequest, ChangeRequest, RunRequest, Session, SessionRequest, StepRequest, answer
-from app.sessions.sessions import Sessions
 from app.store.remembered import call_key
 from app.store.store import Store
 
 router = APIRouter(prefix="/api/v1", tags=["sessions"])
 
-SessionId = Annotated[str, Path(description="id of the session")]
 _BUSY = "The session's state does not allow it; the detail names the state."
 _LOCATION = {"Location": {"description": "path of the session", "schema": {"type": "string"}}}
-
-
-def _sessions(request: Request) -> Sessions:
-    found: Sessions = request.app.state.sessions
-    return found
 
 
 @router.post(
@@ -49,7 +43,7 @@ def create_session(
     fingerprint = hashlib.sha256(body.model_dump_json().encode()).hexdigest()
     members = body.model_dump()
     found, _ = store.once(
-        call_key(f"POST {path}", idempotency_key), fingerprint, lambda: _sessions(request).create(members).status()
+        call_key(f"POST {path}", idempotency_key), fingerprint, lambda: sessions_of(request).create(members).status()
     )
     response.headers["Location"] = f"{path}/{found['id']}"
     return found
@@ -64,7 +58,7 @@ def create_session(
 )
 def list_sessions(request: Request) -> Any:
     """Every session."""
-    return _sessions(request).list()
+    return sessions_of(request).list()
 
 
 @router.get(
@@ -78,7 +72,7 @@ def list_sessions(request: Request) -> Any:
 )
 def get_session(session_id: SessionId, request: Request) -> Any:
     """One session."""
-    return _sessions(request).get(session_id).status()
+    return sessions_of(request).get(session_id).status()
 
 
 @router.delete(
@@ -92,7 +86,7 @@ def get_session(session_id: SessionId, request: Request) -> Any:
 )
 def delete_session(session_id: SessionId, request: Request) -> Response:
     """Stop and forget it."""
-    _sessions(request).delete(session_id)
+    sessions_of(request).delete(session_id)
     request.app.state.views.close_session(session_id)
     return Response(status_code=204)
 
@@ -108,7 +102,7 @@ def delete_session(session_id: SessionId, request: Request) -> Response:
 )
 def run_session(session_id: SessionId, request: Request, body: RunRequest | None = None) -> Any:
     """Set it going."""
-    session = _sessions(request).session(session_id)
+    session = sessions_of(request).session(session_id)
     wanted = body or RunRequest()  # type: ignore[call-arg]  # every member has a default
     session.run(wanted.iterations, wanted.until)
     return session.status()
@@ -124,7 +118,7 @@ def run_session(session_id: SessionId, request: Request, body: RunRequest | None
 )
 def step_session(session_id: SessionId, request: Request, body: StepRequest | None = None) -> Any:
     """Iterate."""
-    session = _sessions(request).session(session_id)
+    session = sessions_of(request).session(session_id)
     session.step(1 if body is None else body.iterations).result()
     return session.status()
 
@@ -139,7 +133,7 @@ def step_session(session_id: SessionId, request: Request, body: StepRequest | No
 )
 def pause_session(session_id: SessionId, request: Request) -> Any:
     """Stop it."""
-    session = _sessions(request).session(session_id)
+    session = sessions_of(request).session(session_id)
     session.pause().result()
     return session.status()
 
@@ -154,7 +148,7 @@ def pause_session(session_id: SessionId, request: Request) -> Any:
 )
 def reset_session(session_id: SessionId, request: Request) -> Any:
     """Begin anew."""
-    session = _sessions(request).session(session_id)
+    session = sessions_of(request).session(session_id)
     session.reset().result()
     return session.status()
 
@@ -169,7 +163,7 @@ def reset_session(session_id: SessionId, request: Request) -> Any:
 )
 def change_session(session_id: SessionId, body: ChangeRequest, request: Request) -> Any:
     """Change settings."""
-    session = _sessions(request).session(session_id)
+    session = sessions_of(request).session(session_id)
     session.change(body.config).result()
     return session.status()
 
@@ -185,6 +179,6 @@ def change_session(session_id: SessionId, body: ChangeRequest, request: Request)
 )
 def add_session_scan(session_id: SessionId, body: AddScanRequest, request: Request) -> Any:
     """Add a view."""
-    session = _sessions(request).session(session_id)
+    session = sessions_of(request).session(session_id)
     session.add_scan(body.scan_id).result()
     return session.status()

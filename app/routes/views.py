@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import aclosing, contextmanager
 from typing import Annotated, Any
 
 import anyio.to_thread
@@ -14,6 +13,9 @@ from fastapi.responses import HTMLResponse, StreamingResponse
 from app import view_schemas
 from app.json_text import json_bytes
 from app.problems import HttpProblem, responses
+from app.routes import event_stream
+from app.routes.event_stream import framed
+from app.routes.parameters import ReadableId, sessions_of
 from app.schemas import answer
 from app.security import VIEW_POLICY
 from app.sessions.readable import Readable
@@ -26,12 +28,9 @@ from pmpnbp.scene.prior import load_prior
 
 router = APIRouter(prefix="/api/v1", tags=["views"])
 
-SessionId = Annotated[str, Path(description="id of the session, or of an uploaded recording")]
 ViewId = Annotated[
     str, Path(description="name of the view: up to 64 letters, digits, - and _; the 3D view of that name shows it")
 ]
-# After so long without an event a comment tells that the connection is alive, seconds.
-KEEP_ALIVE = 15.0
 
 
 @router.get(
@@ -42,7 +41,7 @@ KEEP_ALIVE = 15.0
     description="A view that is not there is made; one that nobody looks at goes after a minute.",
     responses=responses(404),
 )
-def get_view(session_id: SessionId, view_id: ViewId, request: Request) -> Any:
+def get_view(session_id: ReadableId, view_id: ViewId, request: Request) -> Any:
     """Its state."""
     with _view(request, session_id, view_id) as view:
         return view.answer()
@@ -56,11 +55,11 @@ def get_view(session_id: SessionId, view_id: ViewId, request: Request) -> Any:
     description="Members that are not named stay. Another `part` forgets the `particle`.",
     responses=responses(409, status_404="The session, or the one to compare it with, is not here."),
 )
-def change_view(session_id: SessionId, view_id: ViewId, body: view_schemas.ViewChange, request: Request) -> Any:
+def change_view(session_id: ReadableId, view_id: ViewId, body: view_schemas.ViewChange, request: Request) -> Any:
     """Change it, where all of it is possible."""
     change = view_schemas.given(body)
     with _view(request, session_id, view_id) as view:
-        source = request.app.state.sessions.get(session_id)
+        source = sessions_of(request).get(session_id)
         _check(change, source, request)
         view.change(change)
         if "show" in change:
@@ -82,12 +81,11 @@ def change_view(session_id: SessionId, view_id: ViewId, body: view_schemas.ViewC
     "time.",
     responses=answer("The stream.", content={"text/event-stream": {"schema": {"type": "string"}}}) | responses(404),
 )
-async def get_view_events(session_id: SessionId, view_id: ViewId, request: Request) -> StreamingResponse:
+async def get_view_events(session_id: ReadableId, view_id: ViewId, request: Request) -> StreamingResponse:
     """The stream; it ends with the view."""
     views = _views(request)
-    view = await anyio.to_thread.run_sync(views.keep, session_id, view_id, request.app.state.sessions.get)
-    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return StreamingResponse(_stream(views, view), media_type="text/event-stream", headers=headers)
+    view = await anyio.to_thread.run_sync(views.keep, session_id, view_id, sessions_of(request).get)
+    return event_stream.response(_stream(views, view))
 
 
 @router.get(
@@ -98,7 +96,7 @@ async def get_view_events(session_id: SessionId, view_id: ViewId, request: Reque
     description="What the view shows now, to be kept or sent: it can be looked at from all sides, but does not change.",
     responses=answer("The page.", content={"text/html": {"schema": {"type": "string"}}}) | responses(404, 409),
 )
-def get_view_scene(session_id: SessionId, view_id: ViewId, request: Request) -> Response:
+def get_view_scene(session_id: ReadableId, view_id: ViewId, request: Request) -> Response:
     """Draw, and write down what was drawn."""
     with _view(request, session_id, view_id) as view:
         painter = _views(request).painter(view)
@@ -114,7 +112,7 @@ def get_view_scene(session_id: SessionId, view_id: ViewId, request: Request) -> 
 def _view(request: Request, session_id: str, view_id: str) -> Iterator[View]:
     """A view, kept open while a call looks at it."""
     views = _views(request)
-    view = views.keep(session_id, view_id, request.app.state.sessions.get)
+    view = views.keep(session_id, view_id, sessions_of(request).get)
     try:
         yield view
     finally:
@@ -129,7 +127,7 @@ def _views(request: Request) -> Views:
 def _check(change: dict[str, Any], source: Readable, request: Request) -> None:
     """Whether what is named is there: parts, the edge, the prior's link, the session to compare with."""
     if change.get("compare") is not None:
-        request.app.state.sessions.get(change["compare"]["session_id"])
+        sessions_of(request).get(change["compare"]["session_id"])
     if not any(change.get(member) is not None for member in ("part", "edge", "prior")):
         return
     model = (source.present or source.read()).problem.mrf.model
@@ -151,32 +149,19 @@ def _check_edge(edge: list[str] | None, model: ArticulatedObject) -> None:
 
 
 async def _stream(views: Views, view: View) -> AsyncIterator[bytes]:
-    told, loop = asyncio.Event(), asyncio.get_running_loop()
-    news: set[str] = {"view"}
+    news = {"view"}
 
-    def wake(what: str) -> None:
-        with suppress(RuntimeError):  # the loop has ended, and this stream with it
-            loop.call_soon_threadsafe(_note, what)
+    def fresh(told: list[str]) -> Iterator[bytes]:
+        news.update("view" if what == "clients" else what for what in told)
+        found = sorted(news, reverse=True)
+        news.clear()
+        for what in found:
+            yield framed(what, json_bytes(view.answer() if what == "view" else view.drawn_members()))
 
-    def _note(what: str) -> None:
-        news.add("view" if what == "clients" else what)
-        told.set()
-
-    end = view.listen(wake)
     try:
-        yield b"retry: 1000\n\n"
-        while not view.closed:
-            told.clear()
-            fresh = sorted(news, reverse=True)
-            news.clear()
-            for what in fresh:
-                members = view.answer() if what == "view" else view.drawn_members()
-                yield b"event: %s\ndata: %s\n\n" % (what.encode(), json_bytes(members))
-            if not fresh:
-                try:
-                    await asyncio.wait_for(told.wait(), KEEP_ALIVE)
-                except TimeoutError:
-                    yield b": still here\n\n"
+        yield event_stream.RETRY
+        async with aclosing(event_stream.follow(view.listen, fresh, lambda: view.closed)) as following:
+            async for text in following:
+                yield text
     finally:
-        end()
         views.release(view)

@@ -81,10 +81,10 @@ class History:
         with Recording(self.path) as recording:
             return self._row(recording, iteration)
 
-    def rows(self, after: int = -1) -> list[str]:
-        """The rows, JSON, of all iterations beyond `after`, ascending."""
+    def rows(self, after: int = -1, last: int | None = None) -> list[str]:
+        """The rows, JSON, of all iterations beyond `after`, and up to `last` where it is given, ascending."""
         with Recording(self.path) as recording:
-            return recording.summaries(after)
+            return recording.summaries(after, last)
 
     def problem(self, iteration: int) -> Problem:
         """What an iteration was, or will be, made with."""

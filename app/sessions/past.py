@@ -35,8 +35,8 @@ class Kept(Protocol):
     def row(self, iteration: int) -> Row:
         """The row of an iteration. Raises RecordingError where there is none."""
 
-    def rows(self, after: int = -1) -> list[str]:
-        """The rows, JSON, of all iterations beyond `after`, ascending."""
+    def rows(self, after: int = -1, last: int | None = None) -> list[str]:
+        """The rows, JSON, of all iterations beyond `after`, and up to `last` where it is given, ascending."""
 
     def problem(self, iteration: int) -> Problem:
         """What an iteration was, or will be, made with."""
@@ -154,10 +154,11 @@ class Past:
         except RecordingError as error:
             raise HttpProblem(404, str(error)) from None
 
-    def rows(self, after: int = -1) -> list[str]:
-        """The rows, JSON, of the iterations beyond `after`. HttpProblem 409 where the recording is damaged."""
+    def rows(self, after: int = -1, last: int | None = None) -> list[str]:
+        """The rows, JSON, of the iterations beyond `after`, and up to `last` where it is given. HttpProblem 409 where
+        the recording is damaged."""
         self.check()
-        return self._history.rows(after)
+        return self._history.rows(after, last)
 
     def why(self, made: Snapshot, part: str, particle: int) -> dict[str, Any]:
         """Why a particle of an iteration that `read` gave weighs what it does; as `Recording.why`. HttpProblem 404."""

@@ -50,9 +50,9 @@ class Readable(ABC):
         """An iteration, read out as it was when it was made; without a number the newest. HttpProblem 404, 409."""
         return self._past.read(iteration)
 
-    def rows(self, after: int = -1) -> list[str]:
-        """The trace, JSON, beyond iteration `after`. HttpProblem 409 where the recording is damaged."""
-        return self._past.rows(after)
+    def rows(self, after: int = -1, last: int | None = None) -> list[str]:
+        """The trace, JSON, beyond iteration `after`, up to `last`. HttpProblem 409 where the recording is damaged."""
+        return self._past.rows(after, last)
 
     def why(self, made: Snapshot, part: str, particle: int) -> dict[str, Any]:
         """`Recording.why` of a particle of `made`, which `read` gave."""

@@ -74,13 +74,14 @@ class RecordedHistory:
                     found = self._rows[iteration] = self._made(recording, iteration)
             return found
 
-    def rows(self, after: int = -1) -> list[str]:
-        """The rows, JSON, of all iterations beyond `after` that have one or can be read, ascending."""
+    def rows(self, after: int = -1, last: int | None = None) -> list[str]:
+        """The rows, JSON, of all iterations beyond `after`, and up to `last` where it is given, that have one or can be
+        read, ascending."""
         found = []
         with self._lock:
             numbers = sorted({*self._rows, *self._readable})
         for number in numbers:
-            if number > after:
+            if after < number <= (self._last if last is None else last):
                 try:
                     found.append(json_bytes(self.row(number)).decode())
                 except RecordingError:

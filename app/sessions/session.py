@@ -254,6 +254,8 @@ class Session(Readable):
             step = replace(step, recent=(step.report,))  # whether it is at rest is told anew
         self._step = estimation.following(step, problem)
         made = self._read_out(self._step, problem, self._elapsed + time.perf_counter() - began)
+        if self._made is not None and self._made.known_text is not None:
+            _ = made.result_text  # whoever asked for the one before is likely to ask for this one, and need not wait
         self._made = made
         self._history.add(self._step, made.row_text.decode(), partial(self._announce, made))
         self._elapsed += time.perf_counter() - began

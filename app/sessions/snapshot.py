@@ -1,8 +1,12 @@
-"""What does a session say of an iteration? The result, the row of the trace, and both as the text that is sent."""
+"""What does a session say of an iteration? The row of the trace at once, as it is announced.
+
+The whole result is read out when it is asked for: nobody looks at most of them, and it takes longer than an iteration.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from app import estimation
@@ -10,25 +14,44 @@ from app.json_text import json_bytes
 from app.sessions.history import Row
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
+from pmpnbp.readout.estimate import Placement, part_adds, place
 
 
 @dataclass(frozen=True)
 class Snapshot:
     """An iteration, read out; immutable.
 
-    problem : what it was made with
-    result : the members of result.json, result_text : the same as JSON
+    problem : what it was made with; placed : where it has everything
     row : the trace's entry, row_text : the same as JSON
-    truth : as `truth_file.truth_of` gives it, or None
+    method, max_std, truth : as `snapshot` takes them
     """
 
     problem: Problem
     report: IterationReport
-    result: dict[str, Any]
-    result_text: bytes
+    placed: Placement
     row: Row
     row_text: bytes
+    method: str
+    max_std: float
     truth: dict[str, Any] | None = None
+
+    @cached_property
+    def result(self) -> dict[str, Any]:
+        """The members of result.json."""
+        return estimation.read_out(
+            self.problem, self.report, self.placed, converged=self.converged, seconds=self.row["elapsed"],
+            max_std=self.max_std, method=self.method, truth=self.truth,
+        )  # fmt: skip
+
+    @cached_property
+    def result_text(self) -> bytes:
+        """The same as JSON."""
+        return json_bytes(self.result)
+
+    @property
+    def known_text(self) -> bytes | None:
+        """`result_text` where it was asked for before: nothing is waited for."""
+        return self.__dict__.get("result_text")
 
     @property
     def iteration(self) -> int:
@@ -62,11 +85,9 @@ def snapshot(
     elapsed : seconds of wall time the inference has taken so far; event : the number of the iteration's event
     truth : as `truth_file.truth_of` gives it, or None
     """
-    result = estimation.read_out(
-        problem, report, converged=converged, seconds=elapsed, max_std=max_std, method=method, truth=truth
-    )
-    names = [part.name for part in problem.mrf.model.parts]
-    known = result.get("truth")
+    model = problem.mrf.model
+    placed = place(problem, report)
+    names = [part.name for part in model.parts]
     row: Row = {
         "event": event,
         "iteration": report.iteration,
@@ -76,10 +97,10 @@ def snapshot(
         "tolerance": report.tolerance,
         "effective_sample_size": dict(zip(names, report.effective_sample_size.tolist(), strict=True)),
         "log_likelihood": report.mle_score,
-        "std_xyz": {name: link["std_xyz"] for name, link in result["links"].items()},
-        "add": None if known is None else {name: part["add"] for name, part in known["parts"].items()},
+        "std_xyz": dict(zip(model.links, placed.std_xyz.tolist(), strict=True)),
+        "add": None if truth is None else part_adds(model, placed.part_poses, truth["links"]),
         "converged": converged,
-        "certain": result["certain"],
+        "certain": bool(placed.certain(max_std).all()),
         "notes": list(report.notes),
     }
-    return Snapshot(problem, report, result, json_bytes(result), row, json_bytes(row), truth)
+    return Snapshot(problem, report, placed, row, json_bytes(row), method, max_std, truth)

@@ -6,15 +6,16 @@ though the inference knows parts only: a part's particles are carried to each of
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.belief import Belief, IterationReport
+from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import assemble, configuration_scores
 from pmpnbp.potentials.unary import visible_fractions
@@ -25,6 +26,34 @@ from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 SCHEMA = "pmpnbp/estimate-1"
 # The scan may be this much in front of a part's surface, metres, and still be the part: noise, a slightly wrong pose.
 VISIBLE_TOLERANCE = 0.02
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where everything is, and how far the particles are spread about it: the part of an estimate that is soon made.
+
+    part_poses : (N, 7), part in world; joint_positions, joint_stds : (D,) the joint vector; both agree with the tree
+    link_poses : (L, 7), link in world, in the model's order; covariances : (L, 6, 6), in the order of
+    `posterior.covariance`; particles : (T, L, 7), those of every link, link in world; particle i of a link has the
+    weight of particle i of the part that `parts_of_links` names
+    """
+
+    part_poses: Array
+    joint_positions: Array
+    joint_stds: Array
+    link_poses: Array
+    covariances: Array
+    particles: Array
+
+    @property
+    def std_xyz(self) -> Array:
+        """(L, 3) standard deviations of the positions along the world's axes, metres."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariances, axis1=1, axis2=2)[:, :3], 0.0))
+
+    def certain(self, max_std: float) -> NDArray[np.bool_]:
+        """(L,): whether every element of a link's `std_xyz` is at most `max_std`, metres."""
+        found: NDArray[np.bool_] = np.all(self.std_xyz <= max_std, axis=1)
+        return found
 
 
 @dataclass(frozen=True)
@@ -102,9 +131,29 @@ class Estimate:
         return all(self.link_certain(link) for link in self.links)
 
 
+def place(problem: Problem, report: IterationReport) -> Placement:
+    """Where the estimate of an iteration has everything. The same problem and report give the same numbers."""
+    model, belief = problem.mrf.model, report.belief
+    root, joints = agreeing(problem, report)
+    part_poses = model.part_poses(root, joints)
+    link_poses = model.link_poses(part_poses, joints)
+    rng = np.random.default_rng([problem.seed, report.iteration])
+    stds = posterior.joint_stds(rng, model, belief, joints)
+    # Joints that a link outside all parts hangs on are spread as they are uncertain; a part's links do not see this.
+    spread = joints + stds * rng.standard_normal((belief.log_weights.shape[1], model.dof))
+    particles = model.link_poses(np.swapaxes(belief.poses, 0, 1), spread)
+    weights, part = np.exp(belief.log_weights), parts_of_links(model)
+    covariances = [
+        posterior.covariance(link_poses[row], particles[:, row], weights[part[name]])
+        for row, name in enumerate(model.links)
+    ]
+    return Placement(part_poses, joints, stds, link_poses, np.array(covariances), particles)
+
+
 def estimate(
     problem: Problem,
     report: IterationReport,
+    placed: Placement | None = None,
     *,
     max_std: float = 0.0025,
     converged: bool = False,
@@ -113,60 +162,40 @@ def estimate(
 ) -> Estimate:
     """The estimate of an iteration. The same problem and report give the same numbers.
 
+    placed : what `place` gave, where it is there already
     max_std : metres, up to which a link is certain; seconds : wall time of the inference so far
     """
-    model, belief, settings = problem.mrf.model, report.belief, problem.settings
-    root, joints = agreeing(problem, report)
-    part_poses = model.part_poses(root, joints)
-    link_poses = model.link_poses(part_poses, joints)
-    rng = np.random.default_rng([problem.seed, report.iteration])
-    stds = posterior.joint_stds(rng, model, belief, joints)
-
-    fractions = visible_fractions(problem.observation, problem.surfaces, part_poses, VISIBLE_TOLERANCE)
+    model, belief, observation = problem.mrf.model, report.belief, problem.observation
+    placed = placed or place(problem, report)
+    part_poses = placed.part_poses
+    fractions = visible_fractions(observation, problem.surfaces, part_poses, VISIBLE_TOLERANCE)
     likelihoods = problem.unary(
-        np.arange(len(part_poses), dtype=np.int32), part_poses, settings.tolerance_end, "rasteriser"
+        np.arange(len(part_poses), dtype=np.int32), part_poses, problem.settings.tolerance_end, "rasteriser"
     )
     weights = np.exp(belief.log_weights)
     modes = [
         posterior.modes(belief.poses[node], weights[node], problem.mrf.centres[node]) for node in range(len(part_poses))
     ]
-    particles = _carried(rng, model, belief, joints, stds)
     reached_from = parts_of_links(model)
     links = []
     for row, name in enumerate(model.links):
         part = reached_from[name]
         found = []
         for mode in modes[part]:
-            own, share = particles[mode.members, row], weights[part, mode.members]
+            own, share = placed.particles[mode.members, row], weights[part, mode.members]
             middle = poses.mean(own, share)
             found.append(ModeEstimate(mode.weight, middle, posterior.covariance(middle, own, share)))
-        moment = posterior.covariance(link_poses[row], particles[:, row], weights[part])
         links.append(
             LinkEstimate(
-                name, part, link_poses[row], moment, float(fractions[part]), float(likelihoods[part]), tuple(found)
+                name, part, placed.link_poses[row], placed.covariances[row], float(fractions[part]),
+                float(likelihoods[part]), tuple(found),
             )
-        )
-    moving = tuple(_joint_estimate(joint, joints, stds) for joint in model.joints if joint.kind != "fixed")
-    observation = problem.observation
+        )  # fmt: skip
+    moving = tuple(_joint_estimate(joint, placed) for joint in model.joints if joint.kind != "fixed")
     return Estimate(
         model.name, method, problem.seed, report.iteration, converged, observation.frame_id, observation.stamp,
-        max_std, seconds, part_poses, joints, tuple(links), moving,
+        max_std, seconds, part_poses, placed.joint_positions, tuple(links), moving,
     )  # fmt: skip
-
-
-def link_particles(problem: Problem, report: IterationReport) -> Array:
-    """(T, L, 7): the particles of every link, link in world, as `estimate` counts them; particle i of a link has the
-    weight of particle i of the part that `parts_of_links` names."""
-    _, joints = agreeing(problem, report)
-    rng = np.random.default_rng([problem.seed, report.iteration])
-    stds = posterior.joint_stds(rng, problem.mrf.model, report.belief, joints)
-    return _carried(rng, problem.mrf.model, report.belief, joints, stds)
-
-
-def _carried(rng: np.random.Generator, model: ArticulatedObject, belief: Belief, joints: Array, stds: Array) -> Array:
-    # Joints that a link outside all parts hangs on are spread as they are uncertain; a part's links do not see this.
-    spread = joints + stds * rng.standard_normal((belief.log_weights.shape[1], model.dof))
-    return model.link_poses(np.swapaxes(belief.poses, 0, 1), spread)
 
 
 def agreeing(problem: Problem, report: IterationReport) -> tuple[Array, Array]:
@@ -201,14 +230,14 @@ def parts_of_links(model: ArticulatedObject) -> dict[str, int]:
     return owner
 
 
-def _joint_estimate(joint: Joint, joint_positions: Array, stds: Array) -> JointEstimate:
+def _joint_estimate(joint: Joint, placed: Placement) -> JointEstimate:
     revolute, _ = joint.elementary_axes()
     several = len(revolute) > 1
     # the limits of a planar or floating joint are those of its slides; its turns are free
     lower = np.where(several & revolute, -np.pi, joint.lower)
     upper = np.where(several & revolute, np.pi, joint.upper)
-    std = abs(joint.multiplier) * stds[list(joint.coordinates)]
-    return JointEstimate(joint, joint.positions(joint_positions), std, lower, upper)
+    std = abs(joint.multiplier) * placed.joint_stds[list(joint.coordinates)]
+    return JointEstimate(joint, joint.positions(placed.joint_positions), std, lower, upper)
 
 
 def to_result(found: Estimate, truth: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -274,16 +303,27 @@ def errors(
     """How far the estimate is from the truth: ADD and ADD-S (metres) of each visible part whose link poses (7,) are in
     `true_links`, and for the joints in `true_joints` estimate minus truth, metres or radians."""
     parts: dict[str, dict[str, float]] = {}
+    for index, truth in _true_parts(model, true_links):
+        points, at = model_points(model.parts[index].mesh), found.part_poses[index]
+        parts[model.parts[index].name] = {"add": add(points, at, truth), "add_s": add_s(points, at, truth)}
+    return {"parts": parts, "joints": _joint_errors(found, true_joints)}
+
+
+def part_adds(model: ArticulatedObject, part_poses: Array, true_links: Mapping[str, Array]) -> dict[str, float]:
+    """ADD (metres) of part poses (N, 7): of those parts that `errors` judges, by name."""
+    return {
+        model.parts[index].name: add(model_points(model.parts[index].mesh), part_poses[index], truth)
+        for index, truth in _true_parts(model, true_links)
+    }
+
+
+def _true_parts(model: ArticulatedObject, true_links: Mapping[str, Array]) -> Iterator[tuple[int, Array]]:
+    """Each visible part of which the truth names a link, by index, and its pose (7,) in world."""
     for index, part in enumerate(model.parts):
         known = next((link for link in part.links if link in true_links), None)
-        if known is None or not part.visible:
-            continue
-        pose_part_link = part.poses_part_link[part.links.index(known)]
-        truth = poses.multiply(true_links[known], poses.inverse(pose_part_link))
-        points = model_points(part.mesh)
-        at = found.part_poses[index]
-        parts[part.name] = {"add": add(points, at, truth), "add_s": add_s(points, at, truth)}
-    return {"parts": parts, "joints": _joint_errors(found, true_joints)}
+        if known is not None and part.visible:
+            pose_part_link = part.poses_part_link[part.links.index(known)]
+            yield index, poses.multiply(true_links[known], poses.inverse(pose_part_link))
 
 
 def _joint_errors(found: Estimate, true_joints: Mapping[str, float]) -> dict[str, float]:

@@ -14,7 +14,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout import posterior
-from pmpnbp.readout.estimate import agreeing, link_particles, parts_of_links
+from pmpnbp.readout.estimate import Placement, parts_of_links, place
 
 # Of the belief's weight so much may lie beyond either end of a histogram: far and light particles would leave the rest
 # a single bar.
@@ -40,27 +40,28 @@ class Marginal:
     estimate: float
 
 
-def marginals(problem: Problem, report: IterationReport, link: str, bins: int = 40) -> list[Marginal]:
+def marginals(
+    problem: Problem, report: IterationReport, link: str, bins: int = 40, placed: Placement | None = None
+) -> list[Marginal]:
     """The marginals of a link of the model: x, y, z (metres, in world), roll, pitch, yaw (radians, about world's fixed
     X, Y, Z in this order), then each joint between its part and the part it hangs on.
 
     Angles are counted from the estimate, at most half a turn to either side, so that none is torn apart where a full
     turn ends; they may lie beyond ±pi. Joint positions are those of the particles where a particle is a whole object,
-    else those at pairs of particles of both parts (`posterior.joint_draws`).
+    else those at pairs of particles of both parts (`posterior.joint_draws`). placed : what `place` gave, where it is
+    there already.
     """
+    placed = placed or place(problem, report)
     model, belief = problem.mrf.model, report.belief
     node, row = parts_of_links(model)[link], model.links.index(link)
-    root, joints = agreeing(problem, report)
-    pose = model.link_poses(model.part_poses(root, joints), joints)[row]
-    weights = np.exp(belief.log_weights[node])
-    particles = link_particles(problem, report)[:, row]
+    pose, particles, weights = placed.link_poses[row], placed.particles[:, row], np.exp(belief.log_weights[node])
     found = [
         histogram(name, "m", particles[:, axis], weights, float(pose[axis]), bins) for axis, name in enumerate("xyz")
     ]
     angles, at = poses.to_rpy(particles[:, 3:]), poses.to_rpy(pose[3:])
     for axis, name in enumerate(("roll", "pitch", "yaw")):
         found.append(histogram(name, "rad", _around(angles[:, axis], at[axis]), weights, float(at[axis]), bins))
-    return found + _joint_marginals(problem, report, node, joints, bins)
+    return found + _joint_marginals(problem, report, node, placed.joint_positions, bins)
 
 
 def histogram(
@@ -92,15 +93,10 @@ def _joint_marginals(problem: Problem, report: IterationReport, node: int, joint
         else:
             moved, weights = edge.axis_positions(belief.joint_positions), np.exp(belief.log_weights[0])
         at = edge.axis_positions(joints)
-        axis = 0
-        for joint in model.edge_joints(edge):
-            revolute, _ = joint.elementary_axes()
-            for turn in revolute:
-                name = joint.name if len(revolute) == 1 else model.coordinate_names[edge.coordinates[axis]]
-                values = _around(moved[:, axis], at[axis]) if edge.wraps[axis] else moved[:, axis]
-                unit: Literal["m", "rad"] = "rad" if turn else "m"
-                found.append(histogram(f"joint {name}", unit, values, weights, float(at[axis]), bins))
-                axis += 1
+        for axis, name in enumerate(model.edge_axis_names(edge)):
+            values = _around(moved[:, axis], at[axis]) if edge.wraps[axis] else moved[:, axis]
+            unit: Literal["m", "rad"] = "rad" if edge.revolute[axis] else "m"
+            found.append(histogram(f"joint {name}", unit, values, weights, float(at[axis]), bins))
     return found
 
 

@@ -143,14 +143,14 @@ class Recording:
             raise self._damaged("its list of iterations") from None
         return None if found is None else int(found)
 
-    def summaries(self, after: int = -1) -> list[str]:
-        """What the program that recorded had to say of each iteration beyond `after`, ascending; also of those thinned
-        out. Empty where it said nothing."""
-        query = "SELECT text FROM summaries WHERE iteration > ? ORDER BY iteration"
+    def summaries(self, after: int = -1, last: int | None = None) -> list[str]:
+        """What the program that recorded had to say of each iteration beyond `after`, and up to `last` where it is
+        given, ascending; also of those thinned out. Empty where it said nothing."""
+        query = "SELECT text FROM summaries WHERE iteration > ? AND iteration <= ? ORDER BY iteration"
         try:
             if self._pragma("user_version") < VERSION:
                 return []
-            return [text for (text,) in self._connection.execute(query, (after,))]
+            return [text for (text,) in self._connection.execute(query, (after, 2**62 if last is None else last))]
         except _DAMAGE:
             raise self._damaged("its summaries") from None
 

@@ -244,6 +244,15 @@ class ArticulatedObject:
             chain.append(joint)
         return tuple(joint for joint in reversed(chain) if joint.kind != "fixed")
 
+    def edge_axis_names(self, edge: Edge) -> tuple[str, ...]:
+        """(K,) what each axis of an edge is called: `joint`, or `joint/x` for joints with several. A mimic joint's has
+        its own name, not that of the coordinate it shares."""
+        return tuple(
+            joint.name if len(joint.coordinates) == 1 else self.coordinate_names[entry]
+            for joint in self.edge_joints(edge)
+            for entry in joint.coordinates
+        )
+
     def _above_first_part(self) -> set[str]:
         """The first part's own first link, and all links that lead to it from the root."""
         parent = {joint.child: joint.parent for joint in self.joints}

@@ -11,8 +11,9 @@ from scipy.stats import special_ortho_group
 
 from app.palette import PART_COLOURS, rgb
 from app.pictures.particle_picture import EXPLAINED, IN_FRONT, NOT_COVERED, SEEN_THROUGH
+from app.sessions.snapshot import Snapshot
 from app.viewer.ellipsoids import ellipsoids, radius_scale
-from app.viewer.frames import BEST, estimated, frame
+from app.viewer.frames import BEST, frame
 from app.viewer.gizmos import HIGH, LOW, PRIOR, default_prior, default_region, dragged_prior, dragged_region
 from app.viewer.picking import AIM, picked
 from app.viewer.scan_points import fits
@@ -29,6 +30,14 @@ def shown(kind: type[Kind], found: SceneFrame, name: str) -> Kind:
     (node,) = [node for node in found.nodes if node.name == name]
     assert isinstance(node, kind)
     return node
+
+
+def estimated(made: Snapshot) -> np.ndarray:
+    """(N, 7): where the result has the parts, each at its first link."""
+    links = [made.result["links"][part.links[0]]["pose"] for part in made.problem.mrf.model.parts]
+    return np.array(
+        [[*(pose["position"][a] for a in "xyz"), *(pose["orientation"][a] for a in "wxyz")] for pose in links]
+    )
 
 
 def only(*layers: str, **change: Any) -> ViewState:
@@ -172,7 +181,7 @@ def test_an_ellipsoids_axes_are_those_of_its_covariance() -> None:
 def test_ellipsoids_are_one_batch_about_the_estimate() -> None:
     whole = scene()
     near, far = (shown(Ellipsoids, drawn(only("ellipsoids", confidence=c)), "/ellipsoids") for c in (0.5, 0.95))
-    np.testing.assert_allclose(near.centres, estimated(whole.snapshots[-1], whole.stage)[:, :3], atol=1e-6)
+    np.testing.assert_allclose(near.centres, estimated(whole.snapshots[-1])[:, :3], atol=1e-6)
     np.testing.assert_allclose(far.radii / near.radii, radius_scale(0.95) / radius_scale(0.5), rtol=1e-4)
     assert [tuple(colour) for colour in near.colours] == [rgb(colour) for colour in PART_COLOURS[:4]]
     flat, radii = ellipsoids(np.zeros((2, 3, 3)), 0.75)
@@ -232,6 +241,15 @@ def test_a_scans_points_are_where_its_pixels_are() -> None:
     np.testing.assert_allclose(depth[rows, columns], seen[:, 2], atol=1e-5)
 
 
+def test_economy_leaves_out_points_around_the_object_only() -> None:
+    whole, sparing = (drawn(only("scan", economy=economy)) for economy in (False, True))
+    for name, kept in (("object", 1.0), ("around", 1 / 9)):
+        every, some = (shown(Points, found, f"/scan/0/{name}") for found in (whole, sparing))
+        assert len(some.points) == pytest.approx(kept * len(every.points), rel=0.05)
+        assert {tuple(point) for point in some.points} <= {tuple(point) for point in every.points}
+        assert len(some.colours) == len(some.points)
+
+
 def test_the_frustum_is_the_scans_camera() -> None:
     found, camera = shown(Frustum, drawn(only("camera")), "/camera/0"), scene().scan.camera
     np.testing.assert_array_equal(found.pose, camera.pose_world_camera)
@@ -265,7 +283,7 @@ def test_another_iteration_lies_over_it_in_grey() -> None:
     whole = scene()
     other = whole.snapshots[1]
     found = frame(whole.snapshots[-1], only("estimate", "ellipsoids"), whole.stage, compared=(other, whole.stage))
-    for number, pose in enumerate(estimated(other, whole.stage)):
+    for number, pose in enumerate(estimated(other)):
         ghost, own = (shown(Surface, found, f"/{name}/{number}") for name in ("compare", "estimate"))
         np.testing.assert_array_equal(ghost.pose, pose)
         assert ghost.opacity < own.opacity and max(ghost.colour) - min(ghost.colour) < 32
@@ -298,7 +316,7 @@ def test_region_and_prior_can_be_dragged() -> None:
     assert default_region(made.problem.observation) == pytest.approx(made.problem.observation.region, abs=1e-4)
     prior = default_prior(scene().stage.model, made.result["links"])
     handle = shown(Handle, drawn(only("prior", prior=prior)), PRIOR)
-    np.testing.assert_allclose(handle.pose, estimated(made, scene().stage)[0], atol=1e-6)
+    np.testing.assert_allclose(handle.pose, estimated(made)[0], atol=1e-6)
     moved = poses.from_xyz_rpy([1.0, 2.0, 3.0], [0.0, 0.0, 0.5])
     handle = shown(Handle, drawn(only("prior", prior=dragged_prior(prior, moved))), PRIOR)
     np.testing.assert_allclose(handle.pose, moved, atol=1e-5)
@@ -332,7 +350,7 @@ def test_a_click_picks_the_particle_it_is_aimed_at() -> None:
 def test_a_click_beside_all_particles_picks_the_part_in_front() -> None:
     whole, found = scene(), drawn(only("particles", "estimate"))
     # the cabinet's top, from above: the drawers lie below it
-    eye = estimated(whole.snapshots[-1], whole.stage)[0][:3] + [0.05, 0.1, 5.0]
+    eye = estimated(whole.snapshots[-1])[0][:3] + [0.05, 0.1, 5.0]
     assert picked(found.targets, eye, np.array([0.0, 0.0, -1.0])) == (0, None)
     assert picked(drawn(only("particles")).targets, eye, np.array([0.0, 0.0, -1.0])) is None
     aside = np.array([np.sin(0.5), 0.0, -np.cos(0.5)])

@@ -207,7 +207,13 @@ def test_the_trace_tells_each_iteration(client: httpx.Client, path: str) -> None
     assert rows[6]["add"] == {name: part["add"] for name, part in estimate["truth"]["parts"].items()}
     assert set(rows[6]["effective_sample_size"]) == set(rows[6]["add"])
     assert [row["elapsed"] for row in rows] == sorted(row["elapsed"] for row in rows)
-    assert client.get(f"{path}/trace?after=4").json()["iterations"] == rows[5:]
+    for asked, iterations in {
+        "after=4": [5, 6], "after=1&last=3": [2, 3], "last=0": [0], "limit=7": [0, 1, 2, 3, 4, 5, 6],
+        "limit=3": [0, 3, 6], "limit=4": [0, 2, 4, 6], "limit=5": [0, 2, 4, 6], "limit=1": [6],
+        "after=1&limit=2": [3, 6],
+    }.items():  # fmt: skip
+        found = client.get(f"{path}/trace?{asked}").json()["iterations"]
+        assert found == [rows[iteration] for iteration in iterations], asked
 
 
 def test_the_decision_is_to_act_where_all_asked_links_are_certain(client: httpx.Client, path: str) -> None:

@@ -13,7 +13,7 @@ from pmpnbp.geometry import poses
 from pmpnbp.inference import run
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem, build
-from pmpnbp.readout.estimate import estimate, link_particles
+from pmpnbp.readout.estimate import estimate, place
 from pmpnbp.readout.marginals import NARROWEST, Marginal, histogram, marginals
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.scene.urdf import load_model
@@ -78,7 +78,7 @@ def test_angles_are_scipys(made: tuple[Problem, list[IterationReport]]) -> None:
     links = problem.mrf.model.links
     report = reports[-1]
     for link in links:
-        particles = link_particles(problem, report)[:, links.index(link)]
+        particles = place(problem, report).particles[:, links.index(link)]
         node = next(n for n, part in enumerate(problem.mrf.model.parts) if link in part.links)
         weights = np.exp(report.belief.log_weights[node])
         found = {one.name: one for one in marginals(problem, report, link, 64)}

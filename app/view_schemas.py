@@ -88,6 +88,11 @@ class ViewChange(Body):
         None, description="gaussian, as prior.json: what the frame in the scene says; at first the session's"
     )
     hidden: bool = Field(False, description="nobody sees the view just now: nothing is drawn")
+    economy: bool = Field(
+        False,
+        description="the browser draws without a graphics card: fewer points around the object, and while the session "
+        "runs one picture a second",
+    )
 
 
 class ViewState(ViewChange):

@@ -23,8 +23,48 @@ html, body {{ background: var(--ground) !important; }}
 #root .mantine-Paper-root:has(.mantine-ScrollArea-root) {{ display: none !important; }}
 </style>"""
 
+# With `?economy`, which the session's page says where there is no graphics card, the processor draws: edges are not
+# smoothed, and but for a moment after a hand has moved there is a pause between two frames. viser asks for many after
+# each change.
+_ECONOMY = """<script>
+if (new URLSearchParams(location.search).has("economy")) {
+  const PAUSE = 150, MOVING = 500; // milliseconds
+  const context = HTMLCanvasElement.prototype.getContext;
+  HTMLCanvasElement.prototype.getContext = function (kind, options) {
+    return context.call(this, kind, kind.startsWith("webgl") ? { ...options, antialias: false } : options);
+  };
+  let last = -Infinity, moved = -Infinity, count = 0;
+  for (const hand of ["pointerdown", "pointermove", "wheel", "keydown"]) {
+    addEventListener(hand, (event) => { if (event.buttons || !event.pointerType) moved = performance.now(); }, true);
+  }
+  const soon = window.requestAnimationFrame.bind(window), never = window.cancelAnimationFrame.bind(window);
+  const waiting = new Map(); // by the number that was given out, what ends the wait
+  window.requestAnimationFrame = (draw) => {
+    const id = ++count;
+    const ask = () => {
+      const frame = soon((time) => {
+        waiting.delete(id);
+        last = performance.now();
+        draw(time);
+      });
+      waiting.set(id, () => never(frame));
+    };
+    const pause = performance.now() - moved < MOVING ? 0 : last + PAUSE - performance.now();
+    if (pause > 0) {
+      const timer = setTimeout(ask, pause);
+      waiting.set(id, () => clearTimeout(timer));
+    } else ask();
+    return id;
+  };
+  window.cancelAnimationFrame = (id) => {
+    waiting.get(id)?.();
+    waiting.delete(id);
+  };
+}
+</script>"""
+
 
 def scene_only(page: str, script: str = "") -> str:
     """A page of viser's, HTML, of which only the scene is seen. script : elements to be read first"""
     start = page.index("<head>") + len("<head>")
-    return page[:start] + _STYLE + script + page[start:]
+    return page[:start] + _STYLE + _ECONOMY + script + page[start:]

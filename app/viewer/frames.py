@@ -44,6 +44,8 @@ POINT, MESSAGE_POINT, AXIS, FRUSTUM, MARK = 0.006, 0.010, 0.06, 0.10, 0.008
 # Of a scan's points, as a share of the space between two: of the object, where the estimate shows between them, and
 # around it.
 SPACED = 0.55, 1.1
+# How much larger points are of which some are left out: less than their distance, as it is their area that takes time.
+COARSE = 1.5
 # How opaque: the estimate lets its particles shine through.
 ESTIMATE, FAINT, GHOST, SUPPORT, ELLIPSOID = 0.62, 0.12, 0.22, 0.30, 0.6
 # The palest a particle of little weight gets: share of the way to the background.
@@ -68,7 +70,7 @@ def frame(
     stage : of the iteration's object and scans; compared : another iteration to lay over it, with its stage
     """
     show, theme = state.show, state.theme
-    part_poses = estimated(made, stage)
+    part_poses = made.placed.part_poses
     names = [part.name for part in stage.model.parts]
     nodes: list[Node] = []
     if show.scan:
@@ -105,12 +107,6 @@ def frame(
     return SceneFrame(made.iteration, tuple(nodes), particles, targets)
 
 
-def estimated(made: Snapshot, stage: Stage) -> Array:
-    """(N, 7): the estimate's pose of each part, in world."""
-    # a part's frame is that of its first link
-    return np.stack([_pose(made.result["links"][part.links[0]]["pose"]) for part in stage.model.parts])
-
-
 def colours(stage: Stage, theme: Theme) -> tuple[Colour, ...]:
     """Each part's colour."""
     return _colours(len(stage.model.parts), theme)
@@ -120,11 +116,6 @@ def colours(stage: Stage, theme: Theme) -> tuple[Colour, ...]:
 def _colours(count: int, theme: Theme) -> tuple[Colour, ...]:
     of = palette.part_colour if theme == "light" else palette.part_colour_on_dark
     return tuple(of(part) for part in range(count))
-
-
-def _pose(members: Mapping[str, Mapping[str, float]]) -> Array:
-    position, turn = members["position"], members["orientation"]
-    return np.array([*(position[axis] for axis in "xyz"), *(turn[axis] for axis in "wxyz")])
 
 
 def _scans(made: Snapshot, state: ViewState, stage: Stage, part_poses: Array) -> Iterator[Points]:
@@ -137,7 +128,11 @@ def _scans(made: Snapshot, state: ViewState, stage: Stage, part_poses: Array) ->
             painted = (cloud.depth_colours if state.colour_scan == "depth" else cloud.plain_colours)[state.theme]
             if explained is not None:
                 painted = explained[cloud.which]
-            yield Points(f"/scan/{number}/{name}", cloud.points, painted, size * scan.spacing, "circle", exact=False)
+            points, size = cloud.points, size * scan.spacing
+            if state.economy:
+                points, painted = points[cloud.coarse], painted[cloud.coarse]
+                size *= min(COARSE, cloud.stride)
+            yield Points(f"/scan/{number}/{name}", points, painted, size, "circle", exact=False)
 
 
 def _frustum(name: str, cloud: ScanPoints, stage: Stage, state: ViewState) -> Frustum:
@@ -168,8 +163,9 @@ def _posed(
 def _ellipsoids(
     name: str, made: Snapshot, stage: Stage, part_poses: Array, painted: tuple[Colour, ...], state: ViewState
 ) -> Ellipsoids:
-    links = [made.result["links"][part.links[0]] for part in stage.model.parts]
-    covariances = np.array([link["covariance"] for link in links], dtype=np.float64).reshape(-1, 6, 6)[:, :3, :3]
+    # a part's frame is that of its first link
+    rows = [stage.model.links.index(part.links[0]) for part in stage.model.parts]
+    covariances = made.placed.covariances[rows, :3, :3]
     turns, radii = ellipsoids(covariances, state.confidence)
     return Ellipsoids(
         name, part_poses[:, :3].astype(np.float32), turns.astype(np.float32), radii.astype(np.float32),
@@ -262,7 +258,7 @@ def _selected(belief: Belief, stage: Stage, state: ViewState) -> Iterator[Node]:
 
 def _compared(made: Snapshot, stage: Stage, state: ViewState) -> Iterator[Node]:
     grey = tuple(QUIET[state.theme] for _ in stage.shapes)
-    part_poses = estimated(made, stage)
+    part_poses = made.placed.part_poses
     yield from _posed("/compare", stage, part_poses, grey, GHOST, state)
     if state.show.ellipsoids:
         yield _ellipsoids("/compare/ellipsoids", made, stage, part_poses, grey, state)

@@ -33,8 +33,9 @@ from app.viewer.view_state import Eye, ViewState
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.geometry.poses import Array
 
-# Pictures a second, at most; and how often it is told where the camera is while it moves.
-RATE, CAMERA_RATE = 12.0, 3.0
+# Pictures a second, at most; the same of a running session where the processor draws them; and how often it is told
+# where the camera is while it moves.
+RATE, ECONOMY_RATE, CAMERA_RATE = 12.0, 1.0, 3.0
 # Vertical field of view of the browser's camera, radians.
 FIELD_OF_VIEW = math.radians(36)
 # Stages kept: of the session, of the one it is compared with, and of one of them before a change.
@@ -78,7 +79,7 @@ class Painter:
     def html(self) -> str:
         """The scene as it is now, as a page that needs no server. Raises HttpProblem where there is nothing to draw."""
         with self._painting:
-            self._paint()
+            self._paint(replace(self._view.state, economy=False))  # who opens it may have a graphics card
             return scene_only(self._view.server.scene.as_html(dark_mode=self._view.state.theme == "dark"))
 
     # The thread
@@ -89,10 +90,10 @@ class Painter:
             self._wake.wait(None if self._seen is None else 1 / CAMERA_RATE)
             if self._over():
                 break
-            wait = last + 1 / RATE - time.monotonic()
-            if wait > 0:
-                time.sleep(wait)
             self._wake.clear()
+            while (wait := last + 1 / self._rate() - time.monotonic()) > 0 and not self._over():
+                self._wake.wait(wait)  # woken when the session comes to rest, after which nothing has to be spared
+                self._wake.clear()
             self._tell_camera()
             if self._view.clients == 0 or self._view.state.hidden:
                 continue
@@ -100,7 +101,7 @@ class Painter:
             try:
                 with self._painting:
                     # what changes no picture, as a state that is told, must not delay the next one
-                    last = began if self._paint() else last
+                    last = began if self._paint(self._view.state) else last
             except (HttpProblem, PmpnbpError) as problem:
                 error = str(problem)
             except Exception as problem:
@@ -114,6 +115,9 @@ class Painter:
         for end in self._ends:
             end()
 
+    def _rate(self) -> float:
+        return ECONOMY_RATE if self._view.state.economy and not self._source.idle else RATE
+
     def _over(self) -> bool:
         return self._view.closed
 
@@ -121,9 +125,8 @@ class Painter:
         if what != "drawn":
             self._wake.set()
 
-    def _paint(self) -> bool:
+    def _paint(self, state: ViewState) -> bool:
         """Draw what is to be seen now, unless that is what was drawn last; whether anything was drawn."""
-        state = self._view.state
         made = self._read(self._source, state.iteration)
         other = None
         if state.compare is not None:

@@ -68,8 +68,7 @@ async def connect_again(websocket: WebSocket, session_id: str, view_id: str) -> 
 
 
 def _page(request: Request, session_id: str, script: str) -> HTMLResponse:
-    session = request.app.state.sessions.get(session_id)
-    del session  # only that it exists is asked
+    request.app.state.sessions.get(session_id)  # 404 where there is none
     headers = {"Content-Security-Policy": VIEW_POLICY, "Cache-Control": "no-store"}
     return HTMLResponse(scene_only(CLIENT_PAGE.read_text(encoding="utf-8"), script), headers=headers)
 

@@ -25,6 +25,8 @@ from pmpnbp.scene.observation import Observation
 MOST_TRIANGLES = 20_000
 # A point so near to a support plane, metres, is on it.
 ON_PLANE = 0.015
+# In a coarse cloud every so many rows and columns of the image are: of what may be the object, of what is around it.
+STRIDES = 1, 3
 # Half a support plane's square, as a share of the object's size.
 SQUARE = 1.2
 # Of the lines along a part's edges, the longest.
@@ -48,9 +50,12 @@ class Shape:
 @dataclass(frozen=True)
 class Cloud:
     """Some points of a scan. which : (P,) their numbers in it; points : (P, 3) world
+    coarse : (P,) bool, those in every `stride`-th row and column of the image, which show the same, less finely
     depth_colours, plain_colours : (P, 3), for each theme"""
 
     which: NDArray[np.intp]
+    coarse: NDArray[np.bool_]
+    stride: int
     points: Floats
     depth_colours: Mapping[Theme, Bytes]
     plain_colours: Mapping[Theme, Bytes]
@@ -110,12 +115,13 @@ def _clouds(scan: ScanPoints, observation: Observation) -> tuple[Cloud, Cloud]:
         inside = np.all((points >= observation.region[:3]) & (points <= observation.region[3:]), axis=1)
     for plane in observation.planes:
         inside &= points @ plane[:3] + plane[3] > ON_PLANE
-    return _cloud(scan, np.flatnonzero(inside)), _cloud(scan, np.flatnonzero(~inside))
+    inner, outer = STRIDES
+    return _cloud(scan, np.flatnonzero(inside), inner), _cloud(scan, np.flatnonzero(~inside), outer)
 
 
-def _cloud(scan: ScanPoints, which: NDArray[np.intp]) -> Cloud:
+def _cloud(scan: ScanPoints, which: NDArray[np.intp], stride: int) -> Cloud:
     return Cloud(
-        which, scan.points[which],
+        which, (np.argwhere(scan.measured)[which] % stride == 0).all(axis=1), stride, scan.points[which],
         {theme: scan.depth_colours[theme][which] for theme in THEMES},
         {theme: scan.plain_colours[theme][which] for theme in THEMES},
     )  # fmt: skip

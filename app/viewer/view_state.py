@@ -84,6 +84,7 @@ class ViewState:
     compare : what to lay over it; camera : None for where the view begins
     region : x0 y0 z0 x1 y1 z1, metres, world; prior : as prior.json, gaussian: what the handles in the scene say
     hidden : nobody sees it just now, so nothing is drawn
+    economy : who looks draws without a graphics card, so less is drawn, and less often
     """
 
     iteration: int | None = None
@@ -100,6 +101,7 @@ class ViewState:
     region: tuple[float, ...] | None = None
     prior: Mapping[str, Any] | None = None
     hidden: bool = False
+    economy: bool = False
 
 
 MEMBERS = tuple(entry.name for entry in fields(ViewState))
@@ -254,4 +256,5 @@ _READERS: Mapping[str, Any] = {
     "region": _region,
     "prior": _prior,
     "hidden": _flag,
+    "economy": _flag,
 }

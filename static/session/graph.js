@@ -16,7 +16,7 @@ const edges = [];
 
 export function install() {
   on(["graph"], build);
-  on(["graph", "rows", "view"], show);
+  on(["graph", "rows", "recalled", "view"], show);
   onTheme(show);
 }
 

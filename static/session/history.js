@@ -7,6 +7,7 @@ import { on, put, rowAt, shown, state, touch } from "./state.js";
 const PACE = 200; // milliseconds between two estimates
 const AGAIN = 1500; // milliseconds to the next try where the server was not heard
 const KEPT = 40; // estimates
+const ROWS = 4000; // of the trace, at most: beyond it every second one is forgotten, so that a page can stay open for days
 const CHANGE = 400; // milliseconds after which a changed session is asked for its changes
 
 const estimates = new Map();
@@ -44,13 +45,12 @@ async function load() {
   const session = await call(root(id));
   const [graph, trace] = await Promise.all([
     call(`${root(id)}/graph`).catch(() => null),
-    call(`${root(id)}/trace`).catch((error) => (session.state === "failed" ? { iterations: [] } : Promise.reject(error))),
+    call(`${root(id)}/trace?limit=${ROWS}`).catch((error) => (session.state === "failed" ? { iterations: [] } : Promise.reject(error))),
   ]);
   state.graph = graph ?? guessed(trace.iterations.at(-1));
   estimates.clear();
-  put({
-    session, graph: state.graph, rows: trace.iterations.map(compact), changes: trace.changes ?? [], lost: false,
-  });
+  const rows = trace.iterations.map(compact);
+  put({ session, graph: state.graph, rows, recalled: null, changes: trace.changes ?? [], lost: false });
 }
 
 async function gone() {
@@ -100,25 +100,30 @@ function hearIteration(row) {
     if (row.iteration !== 0 && rowAt(row.iteration)?.iteration === row.iteration && row.iteration === last) return;
     state.rows = state.rows.filter((old) => old.iteration < row.iteration); // it began anew
     estimates.clear();
-    state.estimate = null;
+    state.estimate = state.recalled = null;
     if (state.view.iteration !== null && state.view.iteration > row.iteration) state.view.iteration = null;
     askChanges();
   } else if (row.iteration > last + 1 && last >= 0) {
     fetchMissed(last);
     return;
   }
-  state.rows.push(compact(row));
+  keep(row);
   if (state.session) Object.assign(state.session, { iteration: row.iteration, converged: row.converged, certain: row.certain });
   if (state.lost) state.lost = false;
   touch("rows", "session", "lost", "view");
 }
 
+function keep(...rows) {
+  state.rows.push(...rows.map(compact));
+  while (state.rows.length > ROWS) state.rows = state.rows.filter((_, at, all) => (all.length - 1 - at) % 2 === 0);
+}
+
 let missing = null;
 async function fetchMissed(after) {
-  missing ??= call(`${root(state.id)}/trace?after=${after}`)
+  missing ??= call(`${root(state.id)}/trace?after=${after}&limit=${ROWS}`)
     .then((trace) => {
       const known = state.rows.at(-1)?.iteration ?? -1;
-      state.rows.push(...trace.iterations.filter((row) => row.iteration > known).map(compact));
+      keep(...trace.iterations.filter((row) => row.iteration > known));
       touch("rows", "session");
     })
     .catch(report)
@@ -148,6 +153,13 @@ export function askChanges() {
   }, CHANGE);
 }
 
+// The row of an iteration, where the page has forgotten it; else null.
+async function forgotten(iteration) {
+  if (rowAt(iteration)?.iteration === iteration) return null;
+  const { iterations } = await call(`${root(state.id)}/trace?after=${iteration - 1}&last=${iteration}`);
+  return iterations.length ? compact(iterations[0]) : null;
+}
+
 let pacing = null;
 let busy = false;
 // Have `state.estimate` be that of the iteration that is looked at, soon; not while nobody looks.
@@ -157,15 +169,16 @@ export function wantEstimate() {
   if (state.estimate?.iteration === iteration) return;
   const known = estimates.get(iteration);
   if (known) {
-    put({ estimate: known });
+    put(known);
     return;
   }
   busy = true;
-  call(`${root(state.id)}/estimate${at(iteration)}`)
-    .then((estimate) => {
-      estimates.set(estimate.iteration, estimate);
+  Promise.all([call(`${root(state.id)}/estimate${at(iteration)}`), forgotten(iteration)])
+    .then(([estimate, row]) => {
+      const found = row ? { estimate, recalled: row } : { estimate };
+      estimates.set(estimate.iteration, found);
       if (estimates.size > KEPT) estimates.delete(estimates.keys().next().value);
-      put({ estimate });
+      put(found);
     })
     .catch((error) => (error.status === 0 ? put({ lost: true }) : null))
     .finally(() => {

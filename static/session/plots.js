@@ -52,7 +52,7 @@ export function install() {
     new ResizeObserver(soon).observe(canvas);
   }
   onTheme(soon);
-  on(["rows", "view", "graph", "session"], soon);
+  on(["rows", "recalled", "view", "graph", "session"], soon);
 }
 
 function soon() {
@@ -85,7 +85,7 @@ function paint(plot, canvas) {
   if (!width || !height) return;
   if (canvas.width !== Math.round(width * scale)) canvas.width = Math.round(width * scale);
   if (canvas.height !== Math.round(height * scale)) canvas.height = Math.round(height * scale);
-  const pen = canvas.getContext("2d");
+  const pen = canvas.getContext("2d", { willReadFrequently: true });
   pen.setTransform(scale, 0, 0, scale, 0, 0);
   pen.clearRect(0, 0, width, height);
 

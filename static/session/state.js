@@ -16,6 +16,7 @@ export const DEFAULT_VIEW = {
   camera: null,
   region: null,
   prior: null,
+  economy: false,
 };
 
 export const state = {
@@ -23,7 +24,8 @@ export const state = {
   viewId: null, // of this tab's 3D view
   session: null, // as REST has it
   graph: { parts: [], edges: [], views: 1, truth: false },
-  rows: [], // of the trace, by iteration, compact (see history.js)
+  rows: [], // of the trace, by iteration, compact, not all of very many (see history.js)
+  recalled: null, // a row that is not among them, looked at just now
   changes: [],
   view: structuredClone(DEFAULT_VIEW),
   estimate: null, // of the iteration that is looked at
@@ -37,7 +39,9 @@ export const state = {
 const listeners = [];
 const changed = new Set();
 const PACE = 30; // milliseconds between two tellings
-let waiting = false;
+const ECONOMY = 400; // the same where the processor draws the page, and iterates meanwhile
+let timer = null;
+let due = Infinity;
 let last = -Infinity;
 
 // Hear of it, soon and not too often, when any of the members has changed; and now.
@@ -54,14 +58,18 @@ export function put(members) {
 // Say that a member has changed in itself.
 export function touch(...names) {
   for (const name of names) changed.add(name);
-  if (waiting) return;
-  waiting = true;
+  const now = performance.now();
+  const pace = state.view.economy && state.session?.state === "running" ? ECONOMY : PACE;
+  const soon = Math.max(now, last + pace);
+  if (due <= soon) return;
   // not with the next frame: where the 3D view is drawn without a GPU, frames are slow, and so would be the numbers
-  setTimeout(tell, Math.max(0, last + PACE - performance.now()));
+  clearTimeout(timer);
+  due = soon;
+  timer = setTimeout(tell, soon - now);
 }
 
 function tell() {
-  waiting = false;
+  due = Infinity;
   last = performance.now();
   const now = new Set(changed);
   changed.clear();
@@ -79,6 +87,7 @@ export const maxStd = () => state.session?.max_std ?? 0.0025;
 
 // The trace's row of an iteration, or the last before it where it was not recorded.
 export function rowAt(iteration) {
+  if (state.recalled?.iteration === iteration) return state.recalled;
   const rows = state.rows;
   let low = 0;
   let high = rows.length - 1;

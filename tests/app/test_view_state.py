@@ -19,7 +19,7 @@ ALL = {
     "confidence": 0.9, "part": "drawer2", "edge": ["frame", "drawer2"], "particle": 3,
     "compare": {"session_id": "abc", "iteration": None}, "theme": "dark",
     "camera": {"position": [1, 2, 3], "look_at": [0, 0, 0.5], "up": [0, 0, 1]}, "region": [-1, -1, 0, 1, 1, 2],
-    "prior": PRIOR, "hidden": True,
+    "prior": PRIOR, "hidden": True, "economy": True,
 }  # fmt: skip
 
 

@@ -170,6 +170,23 @@ def test_nothing_is_drawn_while_nobody_looks(served: Any) -> None:
     assert state(served, view)["drawn"]["iteration"] == 4
 
 
+def test_in_economy_a_running_session_is_drawn_less_often_and_a_step_at_once(
+    served: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(painter_module, "ECONOMY_RATE", 1e-3)
+    path = small.create(served.client)
+    view = f"{path}/views/economy"
+    state(served, view, economy=True)
+    with looking(served, view):
+        for iteration in (1, 2):
+            small.step(served.client, path)
+            first = drawn(served, view, iteration)["serial"]
+        served.client.post(f"{path}/run", json={"iterations": 40})
+        served.client.get(f"{path}/estimate", params={"wait": "idle"})
+        # not while it ran, but for what was being drawn when it began; and when it had come to rest
+        assert drawn(served, view, 42)["serial"] <= first + 2
+
+
 def test_a_view_stays_at_its_iteration_and_others_at_theirs(served: Any) -> None:
     path = small.create(served.client)
     small.step(served.client, path, 4)

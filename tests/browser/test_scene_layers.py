@@ -39,6 +39,21 @@ def coloured(seen: NDArray[np.uint8], colour: tuple[int, int, int], within: floa
     return int((np.abs(seen.astype(int) - colour).max(axis=-1) < within).sum())
 
 
+def test_without_a_graphics_card_less_is_drawn_unless_somebody_wants_it(
+    small_page: Page, served: Served, session: str
+) -> None:
+    page = opened(small_page, served, session)
+    assert view(page, served)["economy"] is True  # browsers of tests have none
+    switch = tab(page, "Layers").get_by_role("switch", name="fewer points and pictures", exact=True)
+    expect(switch).to_be_checked()
+    switch.uncheck()
+    wait(page, lambda: view(page, served)["economy"] is False)
+    opened(page, served, session, "?economy=0")
+    wait(page, lambda: view(page, served)["economy"] is False)
+    tab(page, "Layers")
+    expect(switch).not_to_be_checked()
+
+
 def test_each_layer_is_drawn_by_its_switch(small_page: Page, served: Served, session: str) -> None:
     """One at a time over an empty scene; switched off again, the scene is as empty as before."""
     page = opened(small_page, served, session)

@@ -1,0 +1,24 @@
+// Does this browser draw without a graphics card? Then each picture takes the processor, which the inference may need
+// too: the 3D view shows fewer of the scan's points and, while the session runs, a picture a second. `?economy=0` in the
+// page's address has it draw all, and `?economy=1` little.
+
+import { change } from "./view.js";
+import { find } from "./dom.js";
+import { on, state } from "./state.js";
+
+// What the renderers are called that draw on the processor.
+const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
+
+export function withoutGraphicsCard() {
+  const pen = document.createElement("canvas").getContext("webgl");
+  const names = pen?.getExtension("WEBGL_debug_renderer_info");
+  const name = names ? pen.getParameter(names.UNMASKED_RENDERER_WEBGL) : "";
+  pen?.getExtension("WEBGL_lose_context")?.loseContext();
+  return SOFTWARE.test(name);
+}
+
+export function install() {
+  const box = find("economy");
+  box.addEventListener("change", () => change({ economy: box.checked }));
+  on(["view"], () => (box.checked = state.view.economy));
+}

@@ -168,25 +168,22 @@ def slowdown(server: ServerProcess, turns: int = 6, iterations: int = 150) -> No
     print(markdown(["somebody looks by", "turns", "median ratio", "least", "most"], rows))
 
 
-def soak(server: ServerProcess, iterations: int) -> None:
-    """Memory while iterations are made and drawn: a few of them in the page, the others for a client that takes all,
-    which leaves the cores to the iterations."""
+def soak(server: ServerProcess, iterations: int, turns: int = 20) -> None:
+    """Memory while iterations are made, and drawn by the page."""
     rows: list[list[str]] = []
     with api(server) as client:
         session = cabinet(client, config={"preset": "paper"})
         run(client, session, 200)
-        for title, look, share in (("the page", page, 0.02), ("a client that takes all", looking, 0.98)):
-            with look(server, session) as shown:
-                for turn in range(10):
-                    began = time.perf_counter()
-                    count = round(iterations * share / 10)
-                    run(client, session, count)
-                    pace = count / (time.perf_counter() - began)
-                    now = client.get(f"/sessions/{session}").json()["iteration"]
-                    heap = f"{page_heap(shown):.1f}" if shown is not None else ""
-                    rows.append([title, str(now), f"{resident(server):.0f}", heap, f"{pace:.1f}"])
-                    progress(f"{turn}: {rows[-1]}")
-    print(markdown(["looked at by", "iteration", "server (MiB)", "page's heap (MiB)", "iterations/s"], rows))
+        with page(server, session) as shown:
+            for turn in range(turns):
+                began = time.perf_counter()
+                count = round(iterations / turns)
+                run(client, session, count)
+                pace = count / (time.perf_counter() - began)
+                now = client.get(f"/sessions/{session}").json()["iteration"]
+                rows.append([str(now), f"{resident(server):.0f}", f"{page_heap(shown):.1f}", f"{pace:.1f}"])
+                progress(f"{turn}: {rows[-1]}")
+    print(markdown(["iteration", "server (MiB)", "page's heap (MiB)", "iterations/s"], rows))
 
 
 def resident(server: ServerProcess) -> float:

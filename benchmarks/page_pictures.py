@@ -38,7 +38,7 @@ def main(folder: Path) -> None:
                 session = cabinet(client, name="Cabinet with an open drawer")
                 animate(browser, server.url, client, session, folder / "belief.webp")
                 for scheme, name in (("light", "page.png"), ("dark", "page_dark.png")):
-                    shown = opened(browser, f"{server.url}/sessions/{session}/", scheme)
+                    shown = opened(browser, f"{server.url}/sessions/{session}/?economy=0", scheme)
                     shown.wait_for_timeout(5000)
                     shown.screenshot(path=folder / name)
                     shown.close()
@@ -48,7 +48,7 @@ def main(folder: Path) -> None:
 
 def animate(browser: Browser, url: str, client: httpx.Client, session: str, path: Path) -> None:
     """Step through the first iterations, a frame each, then let it come to rest."""
-    shown = opened(browser, f"{url}/sessions/{session}/", "light")
+    shown = opened(browser, f"{url}/sessions/{session}/?economy=0", "light")
     frames = [taken(shown, client, session, 0)]
     for iteration in range(1, FRAMES):
         client.post(f"/sessions/{session}/step", json={"iterations": 1}).raise_for_status()

@@ -48,7 +48,7 @@ class Placement:
     @property
     def std_xyz(self) -> Array:
         """(L, 3) standard deviations of the positions along the world's axes, metres."""
-        return np.sqrt(np.maximum(np.diagonal(self.covariances, axis1=1, axis2=2)[:, :3], 0.0))
+        return posterior.std_xyz(self.covariances)
 
     def certain(self, max_std: float) -> NDArray[np.bool_]:
         """(L,): whether every element of a link's `std_xyz` is at most `max_std`, metres."""
@@ -86,7 +86,7 @@ class LinkEstimate:
     @property
     def std_xyz(self) -> Array:
         """(3,) standard deviations of the position along the world's axes, metres."""
-        return np.sqrt(np.maximum(np.diagonal(self.covariance)[:3], 0.0))
+        return posterior.std_xyz(self.covariance)
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,12 @@ def covariance(estimate: Array, particles: Array, weights: Array) -> Array:
     return (moment + moment.T) / 2
 
 
+def std_xyz(covariances: Array) -> Array:
+    """(..., 3) standard deviations of the position along the world's axes, metres, of covariances (..., 6, 6)."""
+    variances = np.diagonal(covariances, axis1=-2, axis2=-1)[..., :3]
+    return np.sqrt(np.maximum(variances, 0.0))
+
+
 def modes(particles: Array, weights: Array, centre: Array) -> list[Mode]:
     """At most five hypotheses in the particles (T, 7) of a part, heaviest first.
 

@@ -54,6 +54,13 @@ def create(client: httpx.Client, **members: Any) -> str:
     return f"/api/v1/sessions/{answer.json()['id']}"
 
 
+def after(client: httpx.Client, iterations: int, **members: Any) -> str:
+    """The path of a small session, made as `create` does, that has made so many iterations."""
+    path = create(client, **members)
+    step(client, path, iterations)
+    return path
+
+
 def step(client: httpx.Client, path: str, iterations: int = 1) -> dict[str, Any]:
     """The session after so many more iterations."""
     answer = client.post(f"{path}/step", json={"iterations": iterations})

@@ -62,8 +62,7 @@ def assert_rising(heard: list[Heard]) -> None:
 
 
 def test_a_listener_hears_how_things_stand_and_then_everything(served: Any, client: httpx.Client) -> None:
-    path = small.create(client)
-    small.step(client, path, 2)
+    path = small.after(client, 2)
     heard: list[Heard] = []
     listener = threading.Thread(target=lambda: heard.extend(listen(served.url, path, None, paused_at(7))))
     listener.start()
@@ -104,8 +103,7 @@ def test_what_was_missed_is_heard_after_a_break(serve: Callable[..., Any], resta
     """Also after a restart, when only the recording knows it; and the numbers go on rising."""
     served = serve()
     client = served.client
-    path = small.create(client)
-    small.step(client, path, 4)
+    path = small.after(client, 4)
     before = listen(served.url, path, 0, paused_at(4))
     seen = next(number for number, kind, data in before if kind == "iteration" and data["iteration"] == 2)
     if restarted:

@@ -35,8 +35,7 @@ def client(serve_for_module: Callable[..., Any]) -> httpx.Client:
 @pytest.fixture(scope="module")
 def path(client: httpx.Client) -> str:
     """A session at iteration 6, the first two of them a search."""
-    made = small.create(client)
-    small.step(client, made, 6)
+    made = small.after(client, 6)
     return made
 
 
@@ -98,8 +97,7 @@ def test_the_terms_of_a_weight_sum_up_to_it(client: httpx.Client, path: str, rec
 
 def test_a_gaussian_prior_is_a_term(client: httpx.Client) -> None:
     prior = json.loads((small.CABINET / "open" / "prior.json").read_text())
-    path = small.create(client, prior=prior)
-    small.step(client, path, 4)
+    path = small.after(client, 4, prior=prior)
     for link, factor in ((prior["link"], True), ("drawer2", False)):
         found = client.get(f"{path}/beliefs/{link}/particles/0").json()
         assert (found["shares"]["prior"] < 0) is factor

@@ -36,8 +36,7 @@ def client(serve_for_module: Callable[..., Any]) -> httpx.Client:
 @pytest.fixture(scope="module")
 def path(client: httpx.Client) -> str:
     """A session at iteration 8, to which settings and a view were added on the way."""
-    made = small.create(client, name="kitchen")
-    small.step(client, made, 4)
+    made = small.after(client, 4, name="kitchen")
     assert client.patch(made, json={"config": {"effective_share": 0.2}}).status_code == 200
     small.step(client, made, 2)
     view = small.upload_scan(client, "second_view")
@@ -215,8 +214,7 @@ def test_rows_that_the_command_line_did_not_write_are_made(client: httpx.Client,
 
 @pytest.mark.parametrize("share", [0.97, 0.9, 0.85])
 def test_what_was_cut_short_opens_as_far_as_it_is_whole(client: httpx.Client, share: float) -> None:
-    path = small.create(client)
-    small.step(client, path, 8)
+    path = small.after(client, 8)
     content = client.get(f"{path}/recording").content
     cut = content[: int(len(content) * share)]
     recorded = upload(client, cut)

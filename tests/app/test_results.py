@@ -39,8 +39,7 @@ def client(served: Any) -> httpx.Client:
 def path(client: httpx.Client) -> str:
     """A session at iteration 6, whose truth is known."""
     truth = json.loads((small.CABINET / "open" / "truth.json").read_text())
-    made = small.create(client, truth={name: truth[name] for name in ("links", "joints")}, name="a cabinet/open")
-    small.step(client, made, 6)
+    made = small.after(client, 6, truth={name: truth[name] for name in ("links", "joints")}, name="a cabinet/open")
     return made
 
 

@@ -248,8 +248,7 @@ def test_no_more_sessions_than_the_limit(serve: Callable[..., Any]) -> None:
 def test_a_full_data_directory_stops_sessions_with_a_sentence(serve: Callable[..., Any]) -> None:
     served = serve()
     client = served.client
-    path = small.create(client)
-    small.step(client, path, 5)
+    path = small.after(client, 5)
     served.app.state.store._room._max_bytes = 1000
     problem(client.post("/api/v1/sessions", json=small.body(*ids_of(client, path))), 507, "is full")
     problem(client.post(f"{path}/step", json={"iterations": 20}), 409, "is failed: the data directory may hold")
@@ -358,8 +357,7 @@ def test_reset_begins_with_what_is_in_force(client: httpx.Client, path: str, mod
     client.patch(path, json={"config": {"joint_draws": 3}})
     client.post(f"{path}/reset")
     small.step(client, path, 4)
-    other = small.create(client, model_id=model_id, scan_id=scan_id, config=small.QUICK | {"joint_draws": 3})
-    small.step(client, other, 4)
+    other = small.after(client, 4, model_id=model_id, scan_id=scan_id, config=small.QUICK | {"joint_draws": 3})
     assert history(client, path, 4) == history(client, other, 4)
     assert client.get(path).json()["config"] == client.get(other).json()["config"]
 

@@ -33,9 +33,7 @@ def served(serve_for_module: Callable[..., Any]) -> Any:
 @pytest.fixture(scope="module")
 def path(served: Any) -> str:
     """A session after a few iterations, which no test takes further."""
-    path = small.create(served.client)
-    small.step(served.client, path, 5)
-    return path
+    return small.after(served.client, 5)
 
 
 def until(asked: Callable[[], Any]) -> Any:
@@ -188,8 +186,7 @@ def test_in_economy_a_running_session_is_drawn_less_often_and_a_step_at_once(
 
 
 def test_a_view_stays_at_its_iteration_and_others_at_theirs(served: Any) -> None:
-    path = small.create(served.client)
-    small.step(served.client, path, 4)
+    path = small.after(served.client, 4)
     old, live = f"{path}/views/old", f"{path}/views/live"
     state(served, old, iteration=2)
     with looking(served, old), looking(served, live):

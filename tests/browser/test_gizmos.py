@@ -32,9 +32,7 @@ PRIOR: dict[str, Any] = {
 @pytest.fixture(scope="module")
 def session(served: Served) -> str:
     """The path of a session that has made six iterations."""
-    path = small.create(served.client, name="a cabinet")
-    small.step(served.client, path, 6)
-    return path
+    return small.after(served.client, 6, name="a cabinet")
 
 
 def test_corners_of_the_region_are_dragged(small_page: Page, served: Served, session: str) -> None:

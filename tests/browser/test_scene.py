@@ -16,9 +16,7 @@ from tests.servers import Served
 @pytest.fixture(scope="module")
 def path(served: Served) -> str:
     """A session after a few iterations."""
-    path = small.create(served.client)
-    small.step(served.client, path, 4)
-    return path
+    return small.after(served.client, 4)
 
 
 def look(page: Page, served: Served, path: str, view: str, troubles: Troubles) -> str:

@@ -29,9 +29,7 @@ BEHIND_THE_CAMERA = {"position": [1.17, 1.92, 2.04], "look_at": [0.59, 0.39, 0.5
 def session(served: Served) -> str:
     """The path of a session with known truth that has made six iterations, the last ones with messages."""
     truth = json.loads((small.CABINET / "open" / "truth.json").read_text())
-    path = small.create(served.client, name="a cabinet", truth=truth)
-    small.step(served.client, path, 6)
-    return path
+    return small.after(served.client, 6, name="a cabinet", truth=truth)
 
 
 def coloured(seen: NDArray[np.uint8], colour: tuple[int, int, int], within: float = 40) -> int:
@@ -130,8 +128,7 @@ def test_colours_of_scan_and_particles(small_page: Page, served: Served, session
 
 
 def test_another_session_is_a_grey_ghost_and_a_table(small_page: Page, served: Served, session: str) -> None:
-    other = small.create(served.client, name="the other", seed=5)
-    small.step(served.client, other, 3)
+    other = small.after(served.client, 3, name="the other", seed=5)
     page = opened(small_page, served, session)
     alone = look_from_eye(page, served, show={**BARE, "estimate": True})
     panel = tab(page, "Compare")
@@ -181,8 +178,7 @@ def test_five_plots_where_the_truth_is_known(page: Page, served: Served, session
 def test_nothing_is_drawn_for_a_page_that_is_not_seen(
     small_page: Page, new_page: Callable[..., Page], served: Served
 ) -> None:
-    session = small.create(served.client, name="a cabinet")
-    small.step(served.client, session, 2)
+    session = small.after(served.client, 2, name="a cabinet")
     page = opened(small_page, served, session)
     wait(page, lambda: (view(page, served)["drawn"] or {}).get("iteration") == 2)
     # a headless browser's pages are always seen: the page is told what it would hear

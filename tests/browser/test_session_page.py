@@ -22,9 +22,7 @@ expect.set_options(timeout=PATIENCE)
 @pytest.fixture
 def session(served: Served) -> str:
     """The path of a session that has made six iterations."""
-    path = small.create(served.client, name="a cabinet", iterations=12)
-    small.step(served.client, path, 6)
-    return path
+    return small.after(served.client, 6, name="a cabinet", iterations=12)
 
 
 def test_the_page_shows_state_numbers_and_the_scene(page: Page, served: Served, session: str) -> None:
@@ -257,8 +255,7 @@ def test_particle_count_begins_a_new_session(page: Page, served: Served, session
 
 
 def test_compare_with_another_session(page: Page, served: Served, session: str) -> None:
-    other = small.create(served.client, name="the other", seed=5)
-    small.step(served.client, other, 4)
+    other = small.after(served.client, 4, name="the other", seed=5)
     opened(page, served, session)
     panel = tab(page, "Compare")
     panel.get_by_label("Compare with").select_option(label="the other (4)")

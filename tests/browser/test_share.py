@@ -26,9 +26,7 @@ expect.set_options(timeout=PATIENCE)
 @pytest.fixture
 def session(served: Served) -> str:
     """The path of a session that has made six iterations."""
-    path = small.create(served.client, name="a cabinet", max_std=0.03)
-    small.step(served.client, path, 6)
-    return path
+    return small.after(served.client, 6, name="a cabinet", max_std=0.03)
 
 
 def test_the_scene_is_a_file_that_needs_no_server(

@@ -66,8 +66,7 @@ def contrast(page: Page, selector: str) -> float:
 
 
 def test_a_session_is_shown_with_its_picture(page: Page, served: Served) -> None:
-    path = small.create(served.client, name="the kitchen's cabinet")
-    small.step(served.client, path, 2)
+    path = small.after(served.client, 2, name="the kitchen's cabinet")
     page.goto(served.url)
     shown = card(page, "the kitchen's cabinet")
     expect(shown.locator(".word")).to_have_text("paused")
@@ -347,8 +346,7 @@ def test_a_sample_is_one_click_away(page: Page, served: Served) -> None:
 
 
 def test_a_recording_is_dropped_and_looked_at(page: Page, served: Served, tmp_path: Path) -> None:
-    path = small.create(served.client)
-    small.step(served.client, path, 2)
+    path = small.after(served.client, 2)
     file = tmp_path / "yesterday.sqlite"
     file.write_bytes(served.client.get(f"{path}/recording").content)
     page.goto(served.url)

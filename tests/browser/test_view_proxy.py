@@ -19,8 +19,7 @@ expect.set_options(timeout=PATIENCE)
 @pytest.fixture(scope="module")
 def path(served: Served) -> str:
     """A session after two iterations."""
-    made = small.create(served.client, name="looked at")
-    small.step(served.client, made, 2)
+    made = small.after(served.client, 2, name="looked at")
     return made
 
 

@@ -2,9 +2,9 @@
 // too: the 3D view shows fewer of the scan's points and, while the session runs, a picture a second. `?economy=0` in the
 // page's address has it draw all, and `?economy=1` little.
 
-import { change } from "./view.js";
 import { find } from "./dom.js";
 import { on, state } from "./state.js";
+import { change } from "./view.js";
 
 // What the renderers are called that draw on the processor.
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;

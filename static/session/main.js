@@ -102,8 +102,8 @@ function address() {
   clearTimeout(written);
   written = setTimeout(() => {
     const given = share.query();
-    const asked = new URLSearchParams(location.search).get("view");
-    if (asked) given.set("view", asked);
+    const asked = new URLSearchParams(location.search);
+    for (const name of ["view", "economy"]) if (asked.has(name)) given.set(name, asked.get(name));
     history.replaceState(null, "", location.pathname + (given.size ? `?${given}` : ""));
   }, 400);
 }

@@ -50,6 +50,11 @@ def test_without_a_graphics_card_less_is_drawn_unless_somebody_wants_it(
     wait(page, lambda: view(page, served)["economy"] is False)
     tab(page, "Layers")
     expect(switch).not_to_be_checked()
+    page.wait_for_url("**tab=layers*")
+    page.reload()  # what the address asks for holds when it has changed
+    page.locator("body[data-ready]").wait_for()
+    expect(switch).not_to_be_checked()
+    assert view(page, served)["economy"] is False
 
 
 def test_each_layer_is_drawn_by_its_switch(small_page: Page, served: Served, session: str) -> None:

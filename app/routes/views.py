@@ -67,7 +67,7 @@ def change_view(session_id: ReadableId, view_id: ViewId, body: view_schemas.View
         if "camera" in change:
             painter = _views(request).painter(view)
             if painter is not None:
-                painter.look(view.state.camera)
+                painter.camera.look(view.state.camera)
         return view.answer()
 
 

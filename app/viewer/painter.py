@@ -8,18 +8,17 @@ view's `error`, and ends neither the thread nor anything else.
 from __future__ import annotations
 
 import logging
-import math
 import threading
 import time
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import viser
 
 from app.problems import HttpProblem
 from app.sessions.readable import Readable
 from app.sessions.snapshot import Snapshot
+from app.viewer.camera import Camera
 from app.viewer.client_page import scene_only
 from app.viewer.draw import Drawing
 from app.viewer.frames import frame
@@ -33,15 +32,10 @@ from app.viewer.view_state import Eye, ViewState
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.geometry.poses import Array
 
-# Pictures a second, at most; the same of a running session where the processor draws them; and how often it is told
-# where the camera is while it moves.
-RATE, ECONOMY_RATE, CAMERA_RATE = 12.0, 1.0, 3.0
-# Vertical field of view of the browser's camera, radians.
-FIELD_OF_VIEW = math.radians(36)
+# Pictures a second, at most; and the same of a running session where the processor draws them.
+RATE, ECONOMY_RATE = 12.0, 1.0
 # Stages kept: of the session, of the one it is compared with, and of one of them before a change.
 STAGES = 3
-# An eye nearer than this to another, metres, is the same; and is where it was told to be.
-SAME_EYE, PLACED = 1e-3, 2e-2
 
 _log = logging.getLogger("pmpnbp.server")
 
@@ -61,11 +55,7 @@ class Painter:
         self._targets: Targets | None = None
         self._drawn_key: object = None
         self._theme: str | None = None
-        self._home: Eye | None = None
-        self._seen: Eye | None = None
-        self._told: Eye | None = None
-        # browsers that are where they were told to look from: before, what they report is out of date
-        self._placed: set[int] = set()
+        self.camera = Camera(self._wake.set, self._moved)
         self._ends = [source.events.listen(self._wake.set), view.listen(self._happened)]
         self._thread = threading.Thread(target=self._run, name=f"view-{view.view_id}", daemon=True)
         self._thread.start()
@@ -87,14 +77,14 @@ class Painter:
     def _run(self) -> None:
         last = 0.0
         while not self._over():
-            self._wake.wait(None if self._seen is None else 1 / CAMERA_RATE)
+            self._wake.wait(self.camera.wait())
             if self._over():
                 break
             self._wake.clear()
             while (wait := last + 1 / self._rate() - time.monotonic()) > 0 and not self._over():
                 self._wake.wait(wait)  # woken when the session comes to rest, after which nothing has to be spared
                 self._wake.clear()
-            self._tell_camera()
+            self.camera.tend()
             if self._view.clients == 0 or self._view.state.hidden:
                 continue
             began, error = time.monotonic(), None
@@ -143,7 +133,7 @@ class Painter:
         own = self._stage(self._source, made, scans)
         against = None if compared is None or other is None else (compared, self._stage(other, compared, 0))
         made_frame = frame(made, state, own, compared=against)
-        self._begin(own, state)
+        self._begin(own)
         assert self._drawing is not None
         self._drawing.draw(made_frame)
         self._targets, self._drawn_key = made_frame.targets, key
@@ -189,64 +179,19 @@ class Painter:
             )
             self._theme = state.theme
 
-    def _begin(self, own: Stage, state: ViewState) -> None:
+    def _begin(self, own: Stage) -> None:
         """What is done once, before the first picture."""
         if self._drawing is not None:
             return
         server = self._view.server
         self._drawing = Drawing(server, self._dragged)
         server.scene.set_up_direction(own.up)
-        server.initial_camera.fov = FIELD_OF_VIEW
-        self._home = own.eye
-        self.look(state.camera)
-        server.on_client_connect(self._came)
+        self.camera.begin(server, own.eye)
+        self.camera.look(self._view.state.camera)
         server.scene.on_click()(self._clicked)
 
-    def look(self, eye: Eye | None) -> None:
-        """Look from `eye`; None: from where the view begins."""
-        eye = eye or self._home
-        if eye is None:
-            return
-        self._told = eye
-        self._placed.clear()
-        server = self._view.server
-        self._begin_from(eye)
-        for client in server.get_clients().values():
-            _place(client, eye)
-
-    def _begin_from(self, eye: Eye) -> None:
-        """A browser that comes, or comes again, begins there."""
-        start = self._view.server.initial_camera
-        start.up, start.position, start.look_at = np.array(eye.up), np.array(eye.position), np.array(eye.look_at)
-
-    def _came(self, client: viser.ClientHandle) -> None:
-        @client.camera.on_update
-        async def moved(camera: Any) -> None:
-            if np.isfinite([camera.position, camera.look_at, camera.up_direction]).all():
-                position, look_at, up = (
-                    tuple(round(float(value), 5) for value in vector)
-                    for vector in (camera.position, camera.look_at, camera.up_direction)
-                )
-                self._reported(client.client_id, Eye(position, look_at, up))  # type: ignore[arg-type]
-
-        if self._told is not None:
-            _place(client, self._told)
-
-    def _reported(self, client: int, eye: Eye) -> None:
-        if client in self._placed:
-            self._seen = eye
-            self._wake.set()
-        elif self._told is not None and _same(eye, self._told, PLACED):
-            self._placed.add(client)
-
-    def _tell_camera(self) -> None:
-        """Put into the state where the camera is, if somebody has moved it."""
-        seen, self._seen = self._seen, None
-        if seen is None or (self._told is not None and _same(seen, self._told)):
-            return
-        self._told = seen
-        self._begin_from(seen)
-        self._view.change({"camera": {"position": seen.position, "look_at": seen.look_at, "up": seen.up}})
+    def _moved(self, eye: Eye) -> None:
+        self._view.change({"camera": {"position": eye.position, "look_at": eye.look_at, "up": eye.up}})
 
     def _clicked(self, event: Any) -> None:
         targets = self._targets
@@ -263,16 +208,3 @@ class Painter:
             self._view.change({"prior": dragged_prior(state.prior, pose)})
         elif name != PRIOR and state.region is not None:
             self._view.change({"region": dragged_region(state.region, name, pose[:3])})
-
-
-def _place(client: viser.ClientHandle, eye: Eye) -> None:
-    with client.atomic():
-        client.camera.fov = FIELD_OF_VIEW
-        client.camera.up_direction = np.array(eye.up)
-        client.camera.position = np.array(eye.position)
-        client.camera.look_at = np.array(eye.look_at)
-
-
-def _same(one: Eye, other: Eye, within: float = SAME_EYE) -> bool:
-    pairs = ((one.position, other.position), (one.look_at, other.look_at), (one.up, other.up))
-    return all(math.dist(a, b) < within for a, b in pairs)

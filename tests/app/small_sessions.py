@@ -54,7 +54,7 @@ def create(client: httpx.Client, **members: Any) -> str:
     return f"/api/v1/sessions/{answer.json()['id']}"
 
 
-def after(client: httpx.Client, iterations: int, **members: Any) -> str:
+def after(client: httpx.Client, iterations: int, /, **members: Any) -> str:
     """The path of a small session, made as `create` does, that has made so many iterations."""
     path = create(client, **members)
     step(client, path, iterations)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from playwright.sync_api import Page
 
-from app.viewer.painter import FIELD_OF_VIEW
+from app.viewer.camera import FIELD_OF_VIEW
 from tests.browser.conftest import PATIENCE, pixels
 from tests.browser.session_page import view
 from tests.servers import Served

@@ -1,0 +1,108 @@
+"""Does a browser get where its view is told to look from, whatever it does by itself, and is a hand's move told?"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from app.viewer import camera as camera_module
+from app.viewer.camera import TRIES, Camera
+from app.viewer.view_state import Eye
+
+
+def eye(x: float) -> Eye:
+    return Eye((x, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+
+
+# Where viser's page looks from before it has heard of anything; where the view begins; where it is told to look from.
+OWN, HOME, TOLD = eye(-5.0), eye(2.0), eye(3.0)
+
+
+class Watched:
+    """A camera whose one browser does what a test has it do."""
+
+    def __init__(self) -> None:
+        self.moved: list[Eye] = []
+        self.placed: list[Eye] = []
+        self.camera = Camera(lambda: None, self.moved.append)
+        nothing: Any = SimpleNamespace(initial_camera=SimpleNamespace(), on_client_connect=id, on_client_disconnect=id)
+        self.camera.begin(nothing, HOME)
+        self.camera.joined(1, self.placed.append)
+
+    def report(self, *eyes: Eye) -> None:
+        for one in eyes:
+            self.camera.reported(1, one)
+        self.camera.tend()
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is put again without a wait."""
+    monkeypatch.setattr(camera_module, "PATIENCE", 0.0)
+
+
+@pytest.fixture
+def watched() -> Watched:
+    return Watched()
+
+
+def test_it_is_put_there_until_it_is_there(watched: Watched) -> None:
+    watched.camera.look(TOLD)
+    watched.report(OWN)
+    watched.report(HOME)
+    assert watched.placed == [TOLD] * 3
+    watched.report(TOLD)
+    watched.report()
+    assert watched.placed == [TOLD] * 3
+    assert watched.moved == []
+    assert watched.camera.wait() is None
+
+
+@pytest.mark.parametrize("back", [OWN, HOME])
+def test_what_it_does_by_itself_is_undone(watched: Watched, back: Eye) -> None:
+    watched.report(OWN)
+    watched.report(HOME)
+    watched.camera.look(TOLD)
+    watched.report(TOLD)
+    before = len(watched.placed)
+    watched.report(back)
+    assert watched.placed[before:] == [TOLD]
+    assert watched.moved == []
+
+
+def test_a_hand_is_followed_and_never_pulled_back(watched: Watched) -> None:
+    watched.report(OWN)
+    watched.report(HOME)
+    before = len(watched.placed)
+    watched.report(eye(2.1), eye(2.4))
+    watched.report(eye(2.8))
+    watched.report(HOME)
+    watched.report(OWN)
+    assert watched.moved == [eye(2.4), eye(2.8), HOME, OWN]
+    assert len(watched.placed) == before
+    watched.report(eye(-4.0), OWN)  # there and back again between two tellings
+    assert watched.moved[-1] == OWN and len(watched.moved) == 4
+
+
+def test_one_that_never_comes_there_is_left_alone(watched: Watched) -> None:
+    for _ in range(2 * TRIES):
+        watched.report(OWN)
+    assert watched.placed == [HOME] * TRIES
+    assert watched.camera.wait() is None
+    watched.camera.look(TOLD)
+    assert watched.placed[-1] == TOLD
+
+
+def test_one_that_comes_later_looks_from_where_a_hand_has_gone(watched: Watched) -> None:
+    watched.report(HOME)
+    watched.report(TOLD)
+    later: list[Eye] = []
+    watched.camera.joined(2, later.append)
+    watched.camera.tend()
+    assert later == [TOLD]
+
+
+def test_without_anything_to_look_at_nothing_happens() -> None:
+    Camera(lambda: None, lambda eye: None).look(TOLD)

@@ -24,12 +24,13 @@ from pmpnbp.recording.arrays import to_arrays
 from pmpnbp.recording.changes import Change, store_change
 from pmpnbp.recording.inputs import Inputs
 from pmpnbp.recording.schema import ADDED_TABLES, APPLICATION_ID, TABLES, VERSION, pack
+from pmpnbp.recording.thinning import Thinning
 from pmpnbp.scene.articulated_object import ArticulatedObject
 
 # Size up to which every iteration is kept, bytes.
 MAX_BYTES = 1 << 30
-# Iterations that may wait to be written; an inference faster than the disk then waits for it.
-WAITING = 64
+# Iterations that may wait to be written; an inference faster than the disk then waits for it. Each is up to a megabyte.
+WAITING = 16
 
 
 @dataclass(frozen=True)
@@ -52,11 +53,12 @@ class RecordingWriter:
     """
 
     def __init__(self, path: Path, inputs: Inputs, model: ArticulatedObject, *, max_bytes: int = MAX_BYTES) -> None:
-        self._prepare(path, max_bytes)
+        self._prepare(path)
         make_way(self._path)
         try:
             self._connect()
             self._create(inputs, model)
+            self._thinning = Thinning(self._connection, max_bytes)
         except sqlite3.Error as error:
             raise self._failure(error) from None
         self._thread.start()
@@ -65,20 +67,18 @@ class RecordingWriter:
     def appending(cls, path: Path, *, max_bytes: int = MAX_BYTES) -> RecordingWriter:
         """A writer that goes on with the recording at `path`; `make_whole` sees to it that it can."""
         writer = cls.__new__(cls)
-        writer._prepare(path, max_bytes)
+        writer._prepare(path)
         try:
             writer._connect()
             writer._go_on()
+            writer._thinning = Thinning(writer._connection, max_bytes)
         except sqlite3.Error as error:
             raise writer._failure(error) from None
         writer._thread.start()
         return writer
 
-    def _prepare(self, path: Path, max_bytes: int) -> None:
+    def _prepare(self, path: Path) -> None:
         self._path = Path(path)
-        self._max_bytes = max_bytes
-        self._stride = 1
-        self._newest: int | None = None
         self._queue: queue.Queue[_Iteration | Change | threading.Event | None] = queue.Queue(WAITING)
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._write_all, name="recording", daemon=True)
@@ -154,10 +154,6 @@ class RecordingWriter:
                 run(statement)
             run(f"PRAGMA user_version = {VERSION}")
             run("COMMIT")
-        kept = [number for (number,) in run("SELECT DISTINCT iteration FROM arrays ORDER BY iteration")]
-        # what was kept before the newest are the multiples of the stride
-        self._stride = math.gcd(*kept[:-1]) or 1
-        self._newest = kept[-1] if kept else None
 
     def _write_all(self) -> None:
         try:
@@ -197,30 +193,8 @@ class RecordingWriter:
         self._connection.executemany("INSERT INTO arrays VALUES (?, ?, ?, ?, ?)", packed)
         if item.summary is not None:
             run("INSERT INTO summaries VALUES (?, ?)", (report.iteration, item.summary))
-        if self._newest is not None and self._newest % self._stride:
-            run("DELETE FROM arrays WHERE iteration = ?", (self._newest,))
-        self._newest = report.iteration
-        if self._used() > self._max_bytes:
-            self._thin_out(report.iteration)
+        self._thinning.written(report.iteration)
         run("COMMIT")
-
-    def _used(self) -> int:
-        pages, free, size = (
-            int(self._connection.execute(f"PRAGMA {name}").fetchone()[0])
-            for name in ("page_count", "freelist_count", "page_size")
-        )
-        return (pages - free) * size
-
-    def _thin_out(self, newest: int) -> None:
-        """Drop every second of the iterations kept so far. The room they leave in the file is used again."""
-        self._stride *= 2
-        run = self._connection.execute
-        run("DELETE FROM arrays WHERE iteration % ? AND iteration != ?", (self._stride, newest))
-        text = (
-            f"at iteration {newest} the recording reached {self._max_bytes} bytes; of all iterations, earlier ones "
-            f"too, every {self._stride}th is kept from here on, and the newest"
-        )
-        run("INSERT INTO notes (text) VALUES (?)", (text,))
 
     def _raise_failure(self) -> None:
         if self._error is not None:

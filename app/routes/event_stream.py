@@ -32,6 +32,7 @@ async def follow(
     listen: Callable[[Callable[..., None]], Callable[[], None]],
     fresh: Callable[[list[str]], Iterable[bytes]],
     closed: Callable[[], bool],
+    every: float = KEEP_ALIVE,
 ) -> AsyncGenerator[bytes, None]:
     """The text of all that is new, each time something happens, until `closed`; a comment where nothing does for long.
     To be closed by whoever iterates (`aclosing`), or the listener is forgotten only when the collector comes by.
@@ -39,9 +40,11 @@ async def follow(
     listen : calls what it is given from any thread whenever something happens, with words for it or none; what it
         returns ends that
     fresh : the events to be sent now; it is given the words that came since it was called last
+    every : seconds after which it is asked even where nothing was heard
     """
     told, loop = asyncio.Event(), asyncio.get_running_loop()
     words: list[str] = []
+    spoken = loop.time()
 
     def note(*what: str) -> None:
         words.extend(what)
@@ -61,10 +64,12 @@ async def follow(
             for event in fresh(heard):
                 quiet = False
                 yield event
+                spoken = loop.time()
             if quiet:
-                try:
-                    await asyncio.wait_for(told.wait(), KEEP_ALIVE)
-                except TimeoutError:
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(told.wait(), every)
+                if not told.is_set() and loop.time() >= spoken + KEEP_ALIVE:
                     yield b": still here\n\n"
+                    spoken = loop.time()
     finally:
         end()

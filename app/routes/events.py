@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import aclosing, suppress
 from typing import Annotated
 
 import anyio.to_thread
-from fastapi import APIRouter, Header, Request
+from fastapi import APIRouter, Header, Query, Request
 from fastapi.responses import StreamingResponse
 
 from app.json_text import json_bytes
@@ -32,8 +32,9 @@ router = APIRouter(prefix="/api/v1", tags=["events"])
     description="Server-sent events. `iteration`: a row of the trace. `state`: state, iteration, iterations, until, "
     "converged, certain, error, position, as the session has them. `error`: error, iteration. Numbers only rise. A "
     "stream begins with the newest iteration and the state; with Last-Event-ID, with what came after that event. A "
-    "slow listener may miss iterations, never the newest. That of an uploaded recording tells how it ends, and stays "
-    "open.",
+    "slow listener may miss iterations, never the newest. With `every`, iterations are gathered and come once in so "
+    "many seconds; states and errors, and the iterations before them, come at once. That of an uploaded recording "
+    "tells how it ends, and stays open.",
     responses=answer("The stream.", content={"text/event-stream": {"schema": {"type": "string"}}}) | responses(404),
 )
 async def get_events(
@@ -42,14 +43,15 @@ async def get_events(
     last_event_id: Annotated[
         str | None, Header(description="number of the last event that was received", pattern="^[0-9]{0,15}$")
     ] = None,
+    every: Annotated[float, Query(ge=0, le=10, description="seconds; 0: each iteration as it is made")] = 0,
 ) -> StreamingResponse:
     """The stream; it ends with the session, or the server."""
     session = await readable(request, session_id)
     seen = int(last_event_id) if last_event_id else None
-    return event_stream.response(_stream(session, seen))
+    return event_stream.response(_stream(session, seen, every))
 
 
-async def _stream(session: Readable, seen: int | None) -> AsyncIterator[bytes]:
+async def _stream(session: Readable, seen: int | None, every: float) -> AsyncIterator[bytes]:
     """The text of the stream: what came after event `seen` (None: how things stand), then everything new."""
     events = session.events
     cursor = events.last
@@ -63,7 +65,17 @@ async def _stream(session: Readable, seen: int | None) -> AsyncIterator[bytes]:
             yield framed(event.kind, event.data, event.number)
             cursor = event.number
 
-    async with aclosing(event_stream.follow(events.listen, fresh, lambda: events.closed)) as following:
+    def listen(wake: Callable[..., None]) -> Callable[[], None]:
+        """Without a word of iterations that are gathered: each word takes time from the inference."""
+
+        def hear() -> None:
+            if not every or events.closed or events.newest_kind != "iteration":
+                wake()
+
+        return events.listen(hear)
+
+    pace = every or event_stream.KEEP_ALIVE
+    async with aclosing(event_stream.follow(listen, fresh, lambda: events.closed, pace)) as following:
         async for text in following:
             yield text
 

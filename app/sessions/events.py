@@ -48,6 +48,12 @@ class Events:
         with self._lock:
             return self._last
 
+    @property
+    def newest_kind(self) -> str | None:
+        """The kind of the newest event that is kept; None where there is none."""
+        with self._lock:
+            return self._kept[-1].kind if self._kept else None
+
     def number(self) -> int:
         """A number for an event that will be published, before any other gets one."""
         with self._lock:

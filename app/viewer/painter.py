@@ -33,7 +33,7 @@ from pmpnbp.errors import PmpnbpError
 from pmpnbp.geometry.poses import Array
 
 # Pictures a second, at most; and the same of a running session where the processor draws them.
-RATE, ECONOMY_RATE = 12.0, 1.0
+RATE, ECONOMY_RATE = 12.0, 0.5
 # Stages kept: of the session, of the one it is compared with, and of one of them before a change.
 STAGES = 3
 

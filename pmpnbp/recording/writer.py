@@ -30,7 +30,7 @@ from pmpnbp.scene.articulated_object import ArticulatedObject
 # Size up to which every iteration is kept, bytes.
 MAX_BYTES = 1 << 30
 # Iterations that may wait to be written; an inference faster than the disk then waits for it. Each is up to a megabyte.
-WAITING = 16
+WAITING = 8
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 // Does this browser draw without a graphics card? Then each picture takes the processor, which the inference may need
-// too: the 3D view shows fewer of the scan's points and, while the session runs, a picture a second. `?economy=0` in the
-// page's address has it draw all, and `?economy=1` little.
+// too: the 3D view shows fewer of the scan's points and, while the session runs, a picture every two seconds.
+// `?economy=0` in the page's address has it draw all, and `?economy=1` little.
 
 import { find } from "./dom.js";
 import { on, state } from "./state.js";
@@ -21,4 +21,5 @@ export function install() {
   const box = find("economy");
   box.addEventListener("change", () => change({ economy: box.checked }));
   on(["view"], () => (box.checked = state.view.economy));
+  on(["session"], () => find("scene").toggleAttribute("data-busy", state.session?.state === "running"));
 }

@@ -6,6 +6,7 @@ import { on, put, rowAt, shown, state, touch } from "./state.js";
 
 const PACE = 200; // milliseconds between two estimates
 const AGAIN = 1500; // milliseconds to the next try where the server was not heard
+const EVERY = 1; // seconds between two lots of iterations, where the processor draws the page
 const KEPT = 40; // estimates
 const ROWS = 4000; // of the trace, at most: beyond it every second one is forgotten, so that a page can stay open for days
 const CHANGE = 400; // milliseconds after which a changed session is asked for its changes
@@ -23,13 +24,14 @@ function retry() {
   }, AGAIN);
 }
 
-// Load everything and listen. Resolves after the first answer; rejects where there is no such session.
-export async function follow(id) {
+// Load everything and listen; `sparing`, to iterations EVERY second only. Resolves after the first answer; rejects where
+// there is no such session.
+export async function follow(id, sparing) {
   state.id = id;
   await load();
   end?.();
   let before = true;
-  end = listen(`${root(id)}/events`, { iteration: hearIteration, state: hearState, error: hearState }, {
+  end = listen(`${root(id)}/events${sparing ? `?every=${EVERY}` : ""}`, { iteration: hearIteration, state: hearState, error: hearState }, {
     opened: () => {
       if (!before || state.lost) load().catch(report);
       before = false;

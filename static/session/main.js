@@ -35,9 +35,9 @@ async function begin() {
   for (const piece of [timeline, plots, graph, estimate, part, edge, particle, layers, economy, compare, share]) piece.install();
   keyboard.install(frame);
   settings.install().catch((error) => put({ trouble: error.message }));
-  if (!(await reached())) return;
   const asked = new URLSearchParams(location.search).get("economy");
   const sparing = asked === null ? economy.withoutGraphicsCard() : asked !== "0";
+  if (!(await reached(sparing))) return;
   await openView({ ...first, economy: sparing });
   frame.src = `/sessions/${encodeURIComponent(state.id)}/view/${state.viewId}/${sparing ? "?economy" : ""}`;
   on(["rows", "view", "lost"], wantEstimate);
@@ -71,10 +71,10 @@ async function damage() {
 }
 
 // Whether there is such a session; where the server does not answer it is asked until it does.
-async function reached() {
+async function reached(sparing) {
   for (;;) {
     try {
-      await follow(state.id);
+      await follow(state.id, sparing);
       return true;
     } catch (error) {
       if (error.status !== 0 && error.status < 500) {

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+import re
 import threading
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import httpx
 import pytest
 
 from app import estimation
+from app.routes.events import _stream
 from app.schemas import Progress, TraceRow
 from app.sessions.events import BLOCK, KEPT, Event, Events
 from app.sessions.sessions import Sessions
@@ -79,6 +83,44 @@ def test_a_listener_hears_how_things_stand_and_then_everything(served: Any, clie
     assert [number for number, kind, _ in heard if kind == "iteration"] == [row["event"] for row in rows]
     for _, kind, data in heard:
         (TraceRow if kind == "iteration" else Progress).model_validate(data)
+
+
+def test_iterations_are_gathered_where_they_are_not_waited_for() -> None:
+    """They come with the next state or error, and after as long as was asked for."""
+    events = Events(limit=1000)
+
+    def publish(kind: str) -> None:
+        events.publish(Event(events.number(), kind, b"{}"))
+
+    async def heard(every: float) -> tuple[list[str], list[str]]:
+        session: Any = SimpleNamespace(
+            events=events, progress=lambda: {"state": "running", "iteration": 0}, rows=lambda after: []
+        )
+        kinds: list[str] = []
+
+        async def follow() -> None:
+            async for text in _stream(session, None, every):
+                kinds.extend(re.findall("event: (.*)", text.decode()))
+
+        following = asyncio.create_task(follow())
+        while kinds != ["state"]:  # how things stand
+            await asyncio.sleep(0.01)
+        for _ in range(3):
+            publish("iteration")
+        if every > 5:
+            await asyncio.sleep(0.2)
+            early = list(kinds)
+            publish("state")
+        else:
+            early = []
+        while len(kinds) < (5 if every > 5 else 4):
+            await asyncio.sleep(0.01)
+        following.cancel()
+        return early[1:], kinds[1:]
+
+    assert asyncio.run(heard(10.0)) == ([], ["iteration"] * 3 + ["state"])
+    assert asyncio.run(heard(0.3)) == ([], ["iteration"] * 3)
+    assert asyncio.run(heard(0.0)) == ([], ["iteration"] * 3)
 
 
 def test_fifty_listeners_hear_every_iteration_in_order(served: Any, client: httpx.Client) -> None:

@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 
 from app.server_config import ServerConfig, convert, environment_name
 from pmpnbp.errors import PmpnbpError
+from pmpnbp.settings import METHODS
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
 
@@ -126,7 +127,8 @@ def _add_estimate(commands: argparse._SubParsersAction[_Parser]) -> None:
     )  # fmt: skip
     add("--prior", type=Path, metavar="FILE", help="prior.json; default: upright, anywhere on the points seen")
     add(
-        "--method", choices=("pmpnbp", "particle_filter"), default="pmpnbp", help="default: %(default)s",
+        "--method", choices=METHODS, default=METHODS[0],
+        help="belief propagation over the parts, or a particle filter over whole objects; default: %(default)s",
     )  # fmt: skip
     add("--particles", type=_whole(2, 20_000), default=400, metavar="N", help="of each part; default: %(default)s")
     add(

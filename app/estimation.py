@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from app.methods import check_method
 from pmpnbp.inference import problem as problem_module
 from pmpnbp.inference import run as engine
 from pmpnbp.inference.belief import IterationReport, State
@@ -63,14 +62,13 @@ def prepare(
     """The problem, and the inputs that a recording keeps of it.
 
     model : a URDF or zip; region : x0 y0 z0 x1 y1 z1, metres, world, or None; prior : prior.json, its members, or None
-    for upright anywhere. Raises PmpnbpError for what does not fit together.
+    for upright anywhere; method : one of `settings.METHODS`. Raises PmpnbpError for what does not fit together.
     """
-    check_method(method)
     found = load_model(model, triangle_budget=settings.triangles)
     box = None if region is None else np.array(region, dtype=np.float64)
     observation = observe(scans, box, width=settings.image_width)
     known = UniformPrior("upright") if prior is None else load_prior(prior, found)
-    problem = problem_module.build(found, observation, known, settings, particles=particles, seed=seed)
+    problem = problem_module.build(found, observation, known, settings, particles=particles, seed=seed, method=method)
     return problem, Inputs(model, tuple(scans), box, known, settings, particles, seed, method)
 
 
@@ -100,7 +98,6 @@ def read_out(
     converged: bool,
     seconds: float,
     max_std: float = MAX_STD,
-    method: str = "pmpnbp",
     truth: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """The members of result.json for an iteration.
@@ -109,9 +106,7 @@ def read_out(
     max_std : metres, up to which a link is certain; seconds : wall time of the inference so far
     truth : as `truth_file.load_truth` gives it; adds how far the estimate is from it
     """
-    found = readout.estimate(
-        problem, report, placed, max_std=max_std, converged=converged, method=method, seconds=round(seconds, 3)
-    )
+    found = readout.estimate(problem, report, placed, max_std=max_std, converged=converged, seconds=round(seconds, 3))
     if truth is None:
         return readout.to_result(found)
     return readout.to_result(found, readout.errors(problem.mrf.model, found, truth["links"], truth["joints"]))

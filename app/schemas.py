@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from pmpnbp.settings import Method
+
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Until = Literal["iterations", "converged", "certain"]
 State = Literal["paused", "waiting", "running", "failed", "recorded"]
@@ -57,9 +59,11 @@ class SessionRequest(Body):
         min_length=1, max_length=32, examples=[["0123456789abcdef"]],
     )  # fmt: skip
     name: str | None = Field(None, description="what people call it", max_length=200, examples=["kitchen"])
-    method: Literal["pmpnbp", "particle_filter"] = Field(
-        "pmpnbp", description="how to infer; particle_filter comes with a later version"
-    )
+    method: Method = Field(
+        "pmpnbp",
+        description="how to infer: pmpnbp, belief propagation over the parts; or particle_filter, Monte Carlo "
+        "localisation of the object as a whole",
+    )  # fmt: skip
     particles: int = Field(400, description="particles of each part", ge=2, le=20_000)
     iterations: int = Field(100, description="iterations that `run` makes where it is told no number", ge=1, le=100_000)
     seed: int = Field(0, description="the same seed and input give the same numbers", ge=0, le=2**63 - 1)
@@ -269,7 +273,7 @@ class TraceRow(BaseModel):
 
     event: int = Field(description="number of its event")
     iteration: int = Field(description="its number; 0 is the start")
-    stage: str = Field(description="start, search, belief propagation or refine")
+    stage: str = Field(description="start, search, belief propagation, refine or particle filter")
     seconds: float = Field(description="wall time of the iteration")
     elapsed: float = Field(description="wall time of all so far, with reading them out, seconds")
     tolerance: float = Field(description="distance at which a pixel stops to be explained, metres")

@@ -128,7 +128,9 @@ class Shares(BaseModel):
     """The terms of a log weight. Natural logarithms."""
 
     unary: LogNumber = Field(description="the unary potential, tempered: temperature times log_unary")
-    prior: LogNumber = Field(description="the prior, where it is a factor of this part; else 0")
+    prior: LogNumber = Field(
+        description="the prior, where it is a factor of this part, or in the particle filter of the object; else 0"
+    )
     messages: dict[str, LogNumber] = Field(description="each incoming message's share, by the part that sent it")
     constant: LogNumber = Field(
         description="what is left: the same for all particles of the part, so that weights sum to 1; in the search "
@@ -141,7 +143,7 @@ class ParticleReasons(Particle):
 
     session_id: str = Field(description="the session")
     iteration: int = Field(description="the iteration it is of")
-    stage: str = Field(description="start, search, belief propagation or refine")
+    stage: str = Field(description="start, search, belief propagation, refine or particle filter")
     link: str = Field(description="the link that the pose is of")
     part: str = Field(description="the part it moves with")
     origin: str = Field(description="where it comes from, one sentence")
@@ -152,8 +154,8 @@ class ParticleReasons(Particle):
         description="log weight before it is normalised: the sum of the shares without the constant"
     )
     shares: Shares = Field(description="log_weight is their sum")
-    messages: list[MessageShare] = Field(description="the incoming messages' factors; none in the search")
+    messages: list[MessageShare] = Field(description="the incoming messages' factors; only belief propagation has any")
     joint_positions: dict[str, NumberOrAxes] | None = Field(
         description="metres or radians by joint, where the particle belongs to a hypothesis of the whole object (in "
-        "the search); else null, as a part's particle knows no joint"
+        "the search and the particle filter); else null, as a part's particle knows no joint"
     )

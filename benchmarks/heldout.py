@@ -49,7 +49,9 @@ def load_scene(kind: str, number: int, parent: Path, settings: Settings) -> tupl
     return load_case(folder.name, model, folder, load_region(folder), settings), prior
 
 
-def study(scenes: dict[str, int], seeds: int, iterations: int, particles: int, settings: Settings) -> Iterator[Run]:
+def study(
+    scenes: dict[str, int], seeds: int, iterations: int, particles: int, settings: Settings, method: str = "pmpnbp"
+) -> Iterator[Run]:
     """All runs on as many scenes of each kind as `scenes` says."""
     warm = False
     with tempfile.TemporaryDirectory() as parent:
@@ -64,7 +66,7 @@ def study(scenes: dict[str, int], seeds: int, iterations: int, particles: int, s
                         trial = run_trial(
                             case, prior if known == ROUGH else UniformPrior("upright"), settings,
                             seed=seed, iterations=ROUGH_ITERATIONS if known == ROUGH else iterations,
-                            particles=particles,
+                            particles=particles, method=method,
                         )  # fmt: skip
                         progress(f"{case.name}, {known}, seed {seed}: {centimetres(case, trial)} cm")
                         yield Run(kind, known, case, seed, trial)
@@ -107,7 +109,8 @@ def main(words: Sequence[str] | None = None) -> None:
     arguments = parser.parse_args(words)
     scenes = {kind: getattr(arguments, f"{kind}s") for kind in SCENES}
     chosen = options.settings(arguments)
-    print(report(list(study(scenes, arguments.seeds, arguments.iterations, arguments.particles, chosen))))
+    runs = study(scenes, arguments.seeds, arguments.iterations, arguments.particles, chosen, arguments.method)
+    print(report(list(runs)))
 
 
 if __name__ == "__main__":

@@ -91,7 +91,9 @@ class Run:
     all_seconds: float
 
 
-def measure(robot: Robot, seeds: int, iterations: int, particles: int, settings: Settings, data: Path) -> list[Run]:
+def measure(
+    robot: Robot, seeds: int, iterations: int, particles: int, settings: Settings, data: Path, method: str = "pmpnbp"
+) -> list[Run]:
     """All runs of a robot."""
     folder = data / robot.folder
     model = load_model(folder / "model.urdf", triangle_budget=settings.triangles)
@@ -105,7 +107,9 @@ def measure(robot: Robot, seeds: int, iterations: int, particles: int, settings:
             reading = time.perf_counter() - start
             if not runs:
                 warm_kernels(case, settings)
-            trial = run_trial(case, prior, settings, seed=seed, iterations=iterations, particles=particles)
+            trial = run_trial(
+                case, prior, settings, seed=seed, iterations=iterations, particles=particles, method=method
+            )
             runs.append(_judged(robot, scan, seed, case, trial, reading))
             progress(f"{robot.title}, {scan}, seed {seed}: {_found(robot, runs[-1])} in {trial.seconds:.1f} s")
     return runs
@@ -214,7 +218,7 @@ def main(words: Sequence[str] | None = None, data: Path = DATA) -> None:
             continue
         runs = measure(
             robot, arguments.seeds or robot.seeds, arguments.iterations or robot.iterations, arguments.particles,
-            chosen, data,
+            chosen, data, arguments.method,
         )  # fmt: skip
         print(report(robot, runs), flush=True)
 

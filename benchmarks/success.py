@@ -1,7 +1,8 @@
 """How often is the sample cabinet found? Five scenes, with and without a region of interest, and from a rough prior.
 
 A run succeeds where every part that is at least a tenth visible is within 1 cm (ADD). The scenes are also what the
-settings were tuned on; `benchmarks.heldout` measures on others. Run it: `python -m benchmarks.success [--seeds 10]`.
+settings were tuned on; `benchmarks.heldout` measures on others. Run it:
+`python -m benchmarks.success [--seeds 10] [--method particle_filter]`.
 """
 
 from __future__ import annotations
@@ -57,7 +58,13 @@ def load_cabinet(scene: str, region: bool, settings: Settings) -> Case:
 
 
 def study(
-    mode: Mode, scenes: Sequence[str], seeds: int, iterations: int, particles: int, settings: Settings
+    mode: Mode,
+    scenes: Sequence[str],
+    seeds: int,
+    iterations: int,
+    particles: int,
+    settings: Settings,
+    method: str = "pmpnbp",
 ) -> list[tuple[Case, int, Trial]]:
     """All runs of a mode: case, seed, trial."""
     found = []
@@ -68,7 +75,7 @@ def study(
         for seed in range(seeds):
             trial = run_trial(
                 case, mode.prior(case, seed), settings,
-                seed=seed, iterations=mode.iterations or iterations, particles=particles,
+                seed=seed, iterations=mode.iterations or iterations, particles=particles, method=method,
             )  # fmt: skip
             found.append((case, seed, trial))
             progress(f"{mode.name}: {scene} seed {seed}: {100 * trial.worst[-1]:.2f} cm in {trial.seconds:.2f} s")
@@ -110,7 +117,9 @@ def main(words: Sequence[str] | None = None) -> None:
     chosen = options.settings(arguments)
     for name in arguments.modes:
         mode = MODES[name]
-        runs = study(mode, arguments.scenes, arguments.seeds, arguments.iterations, arguments.particles, chosen)
+        runs = study(
+            mode, arguments.scenes, arguments.seeds, arguments.iterations, arguments.particles, chosen, arguments.method
+        )
         print(report(mode, runs), flush=True)
 
 

@@ -154,11 +154,14 @@ def run_trial(
     seed: int,
     iterations: int,
     particles: int = 400,
+    method: str = "pmpnbp",
     at_least: int = 0,
 ) -> Trial:
     """Run until converged, `iterations` at most; where `at_least` is given, on to that iteration though converged."""
     start = time.perf_counter()
-    problem = problems.build(case.model, case.observation, prior, settings, particles=particles, seed=seed)
+    problem = problems.build(
+        case.model, case.observation, prior, settings, particles=particles, seed=seed, method=method
+    )
     state, report = engine.begin(problem)
     elapsed = [time.perf_counter() - start]
     worst = [_worst(case, report.mle)]

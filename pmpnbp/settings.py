@@ -10,9 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from pmpnbp.errors import SettingError
+
+# How an inference is made: the paper's algorithm boxes 1 and 2, or the particle filter it compares them with.
+Method = Literal["pmpnbp", "particle_filter"]
+METHODS: tuple[str, ...] = get_args(Method)
 
 
 def _setting(
@@ -126,6 +130,12 @@ def _check(name: str, value: Any, metadata: Mapping[str, Any], kind: type) -> No
         raise SettingError(f"setting '{name}' is {value!r}; it must be a finite number of at least {low}")
     if kind in (int, float) and value > high:
         raise SettingError(f"setting '{name}' is {value!r}; it must be at most {high}")
+
+
+def check_method(method: str) -> None:
+    """Raise SettingError where `method` is none of METHODS."""
+    if method not in METHODS:
+        raise SettingError(f"method '{method}' does not exist; there are {' and '.join(METHODS)}")
 
 
 def preset(name: str) -> Settings:

@@ -39,7 +39,7 @@ QUICK = SMALL | {"search_iterations": 2, "search_proposals": 300, "anneal_iterat
 Iterations = list[tuple[IterationReport, State]]
 
 
-def inputs_of(prior: str = "uniform", **changes: Any) -> Inputs:
+def inputs_of(prior: str = "uniform", method: str = "pmpnbp", **changes: Any) -> Inputs:
     scans = tuple(
         load_scan(CABINET / scene / "depth.png", CABINET / scene / "camera.json") for scene in ("open", "second_view")
     )
@@ -50,8 +50,9 @@ def inputs_of(prior: str = "uniform", **changes: Any) -> Inputs:
     )  # fmt: skip
     settings = changed(preset("robust"), QUICK | changes)
     return Inputs(
-        CABINET / "cabinet.urdf", scans, region, UniformPrior() if prior == "uniform" else known, settings, 40, 11
-    )
+        CABINET / "cabinet.urdf", scans, region, UniformPrior() if prior == "uniform" else known, settings, 40, 11,
+        method,
+    )  # fmt: skip
 
 
 def iterations_of(inputs: Inputs, count: int) -> tuple[Any, Iterations]:
@@ -85,6 +86,8 @@ def path(uniform: tuple[Inputs, Any, Iterations], tmp_path_factory: pytest.TempP
 @pytest.mark.parametrize(
     ("prior", "changes"),
     [
+        ("uniform", {"method": "particle_filter"}),
+        ("gaussian", {"method": "particle_filter", "object_estimate": False, "search_iterations": 0}),
         ("uniform", {}),
         ("gaussian", {}),
         ("uniform", {"preset": "paper"}),
@@ -147,6 +150,27 @@ def test_why_accounts_for_every_weight(prior: str, product: str, tmp_path: Path)
             for alike in constants.values():
                 np.testing.assert_allclose(alike, alike[0], atol=1e-8)
         assert set(constants) <= {("frame",)}  # the last part is a drawer
+
+
+@pytest.mark.parametrize("prior", ["uniform", "gaussian"])
+def test_why_accounts_for_every_weight_of_the_particle_filter(prior: str, tmp_path: Path) -> None:
+    """log weight = temperature · unary + prior + constant, one constant for all: a weight is a whole object's, and so
+    is the prior, whichever part is asked about."""
+    inputs = inputs_of(prior, "particle_filter")
+    problem, made = iterations_of(inputs, 4)
+    constants, priors = [], []
+    with Recording(recorded(tmp_path / "run.sqlite", inputs, problem, made)) as recording:
+        for part in recording.parts:
+            for particle in range(40):
+                told = recording.why(4, part, particle)
+                assert (told["stage"], told["messages"], told["source"]) == ("particle filter", [], "own")
+                assert (told["ancestor_part"], told["neighbour"]) == (part, None)
+                constants.append(told["log_constant"])
+                priors.append(told["log_prior"])
+    np.testing.assert_allclose(constants, constants[0], atol=1e-8)
+    each = np.reshape(priors, (4, 40))
+    assert np.ptp(each, axis=0).max() == 0.0
+    assert (np.ptp(each) > 0) == (prior == "gaussian")
 
 
 def test_why_names_where_a_particle_comes_from(path: Path, uniform: tuple[Inputs, Any, Iterations]) -> None:

@@ -7,9 +7,16 @@ from dataclasses import fields
 import pytest
 
 from pmpnbp.errors import SettingError
-from pmpnbp.settings import Settings, changed, preset, schedule
+from pmpnbp.settings import METHODS, Settings, changed, check_method, preset, schedule
 
 ENTRIES = {entry.name: entry for entry in fields(Settings)}
+
+
+def test_a_method_is_one_of_those_there_are() -> None:
+    for method in METHODS:
+        check_method(method)
+    with pytest.raises(SettingError, match="method 'guess' does not exist; there are pmpnbp and particle_filter"):
+        check_method("guess")
 
 
 def one_sentence(error: pytest.ExceptionInfo[SettingError]) -> bool:

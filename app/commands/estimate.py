@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.commands.progress import Progress, announce
-from app.methods import check_method
 from pmpnbp.errors import PmpnbpError, RecordingError, ScanError, SettingError
 
 if TYPE_CHECKING:
@@ -44,7 +43,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Do it and return the exit status. Raises PmpnbpError for bad input, before anything is written."""
     _check_outputs(arguments.out, arguments.recording)
     cameras = _cameras(arguments.camera, arguments.scans)
-    check_method(arguments.method)
     announce(arguments.quiet)
     problem, inputs = _problem(arguments, cameras)
     truth = None if arguments.truth is None else _truth(arguments.truth)
@@ -114,7 +112,7 @@ def _result(
     assert progressed.report is not None
     return estimation.read_out(
         problem, progressed.report, converged=progressed.converged, seconds=time.perf_counter() - progressed.began,
-        max_std=arguments.max_std, method=arguments.method, truth=truth,
+        max_std=arguments.max_std, truth=truth,
     )  # fmt: skip
 
 

@@ -134,7 +134,7 @@ def get_belief(
     operation_id="get_message",
     summary="What one part says about another",
     description="The message between two parts that a joint connects: poses of the receiver's link in world, metres, "
-    "with log weights. A part is named by any of its links. Iterations of the search send no messages.",
+    "with log weights. A part is named by any of its links. The search and the particle filter send no messages.",
     responses=schemas.answer("The particles.", model=schemas.MessageParticles, content=_FILES)
     | responses(409, status_404="The session, a link or the iteration is not here, or no message goes there."),
 )

@@ -54,7 +54,7 @@ class Kept(Protocol):
 class Past:
     """The iterations that are in the recording of a session, which `name` is what errors call. Thread-safe.
 
-    options : `method`, `max_std` and `truth` as `snapshot.snapshot` takes them
+    options : `max_std` and `truth` as `snapshot.snapshot` takes them
     remedy : what helps where the recording is damaged
     """
 

@@ -119,7 +119,7 @@ class Recorded(Readable):
         )
 
     def _options(self) -> dict[str, Any]:
-        return {"method": str(self._document["method"]), "max_std": estimation.MAX_STD, "truth": None}
+        return {"max_std": estimation.MAX_STD, "truth": None}
 
 
 def _told_changes(changes: Sequence[Change], began: Settings, views: int) -> list[dict[str, Any]]:

@@ -32,7 +32,7 @@ PROBLEMS = 3
 class RecordedHistory:
     """The recording at `path`. Thread-safe.
 
-    options : `method`, `max_std` and `truth` as `snapshot.snapshot` takes them
+    options : `max_std` and `truth` as `snapshot.snapshot` takes them
     """
 
     def __init__(self, path: Path, options: Callable[[], dict[str, Any]]) -> None:

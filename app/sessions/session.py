@@ -377,7 +377,6 @@ class Session(Readable):
     def _options(self) -> dict[str, Any]:
         truth = self._document.get("truth")
         return {
-            "method": self._document["method"],
             "max_std": self._document.get("max_std") or estimation.MAX_STD,
             "truth": None if truth is None else truth_of(truth, "the truth"),
         }

@@ -23,7 +23,7 @@ class Snapshot:
 
     problem : what it was made with; placed : where it has everything
     row : the trace's entry, row_text : the same as JSON
-    method, max_std, truth : as `snapshot` takes them
+    max_std, truth : as `snapshot` takes them
     """
 
     problem: Problem
@@ -31,7 +31,6 @@ class Snapshot:
     placed: Placement
     row: Row
     row_text: bytes
-    method: str
     max_std: float
     truth: dict[str, Any] | None = None
 
@@ -40,7 +39,7 @@ class Snapshot:
         """The members of result.json."""
         return estimation.read_out(
             self.problem, self.report, self.placed, converged=self.converged, seconds=self.row["elapsed"],
-            max_std=self.max_std, method=self.method, truth=self.truth,
+            max_std=self.max_std, truth=self.truth,
         )  # fmt: skip
 
     @cached_property
@@ -76,7 +75,6 @@ def snapshot(
     converged: bool,
     elapsed: float,
     event: int,
-    method: str,
     max_std: float,
     truth: dict[str, Any] | None,
 ) -> Snapshot:
@@ -103,4 +101,4 @@ def snapshot(
         "certain": bool(placed.certain(max_std).all()),
         "notes": list(report.notes),
     }
-    return Snapshot(problem, report, placed, row, json_bytes(row), method, max_std, truth)
+    return Snapshot(problem, report, placed, row, json_bytes(row), max_std, truth)

@@ -24,7 +24,8 @@ class Belief:
 
     poses : (N, T, 7), x y z qw qx qy qz, metres, part in world
     log_weights : (N, T), normalised per node
-    log_unary : (N, T), natural log of the unary potential at each particle, before tempering
+    log_unary : (N, T), natural log of the unary potential at each particle, before tempering: the part's, or in the
+        particle filter the whole object's in every row
     ancestor : (N, T) int32, index of the particle in the iteration before it descends from (of node `neighbour` where
         source is NEIGHBOUR); -1 where it has none
     source : (N, T) uint8, one of START, OWN, NEIGHBOUR, SURFACE, FLIP

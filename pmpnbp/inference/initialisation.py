@@ -1,7 +1,8 @@
 """Iteration 0: particles drawn from the prior (box 1 step 1a), and from matches of oriented surface points.
 
 The paper's start puts part origins on observed points. A large part's origin is then decimetres from the truth, since
-a point of its surface was seen and not its origin; the search starts from matched surface points instead.
+a point of its surface was seen and not its origin; the search starts from matched surface points instead. The particle
+filter starts from whole objects, whose root is drawn as each part is in belief propagation.
 """
 
 from __future__ import annotations
@@ -19,14 +20,11 @@ from pmpnbp.scene.surface_points import area, drawn_points
 def start(rng: np.random.Generator, problem: Problem) -> State:
     """The state before the first iteration."""
     mrf, count = problem.mrf, problem.particles
-    if isinstance(problem.prior, UniformPrior):
-        points = problem.observation.points
-        shape = (mrf.nodes, count)
-        position = points[rng.integers(len(points), size=shape)]
-        particles = np.concatenate([position, _orientations(rng, problem, shape)], axis=-1)
-        return State(0, _unweighted(particles, None))
+    uniform = isinstance(problem.prior, UniformPrior)
+    if uniform and problem.method == "pmpnbp":
+        return State(0, _unweighted(_on_the_scan(rng, problem, (mrf.nodes, count)), None))
     joints = random_joints(rng, problem, count)
-    roots = prior_roots(rng, problem, joints)
+    roots = _on_the_scan(rng, problem, (count,)) if uniform else prior_roots(rng, problem, joints)
     return State(0, _unweighted(np.swapaxes(mrf.model.part_poses(roots, joints), 0, 1), joints))
 
 
@@ -37,6 +35,13 @@ def _unweighted(particles: Array, joints: Array | None) -> Belief:
         np.full(shape, -1, dtype=np.int32), np.full(shape, START, dtype=np.uint8), np.full(shape, -1, dtype=np.int32),
         np.zeros(shape, dtype=np.int32), joints,
     )  # fmt: skip
+
+
+def _on_the_scan(rng: np.random.Generator, problem: Problem, shape: tuple[int, ...]) -> Array:
+    """Poses (*shape, 7): origins on observed points, turned as the uniform prior says."""
+    points = problem.observation.points
+    position = points[rng.integers(len(points), size=shape)]
+    return np.concatenate([position, _orientations(rng, problem, shape)], axis=-1)
 
 
 def _orientations(rng: np.random.Generator, problem: Problem, shape: tuple[int, ...]) -> Array:

@@ -87,3 +87,15 @@ def within_limits(positions: Array, lower: Array, upper: Array, wraps: NDArray[n
     """Positions (..., K) clipped to their limits, or taken around where an axis wraps."""
     around = lower + np.mod(positions - lower, np.maximum(upper - lower, 1e-12))
     return np.where(wraps, around, np.clip(positions, lower, upper))
+
+
+def joint_spreads(problem: Problem, plan: Schedule) -> Array:
+    """(D,) standard deviations, metres or radians, that move what the joint coordinates move by about the diffusion: a
+    part that slides as a whole, one that turns at its rim. Of several axes that follow one coordinate the one that goes
+    farthest counts."""
+    farthest = np.zeros(problem.mrf.model.dof)
+    for edge in problem.mrf.model.edges:
+        lever = np.where(edge.revolute, max(problem.mrf.radii[edge.child], 0.02), 1.0)
+        np.maximum.at(farthest, edge.coordinates, np.abs(edge.multiplier) * lever)
+    # a coordinate that moves no part that could be seen
+    return plan.diffusion_position / np.where(farthest > 0, farthest, 1.0)

@@ -16,7 +16,7 @@ from pmpnbp.potentials.unary import PixelScore, Renderer, unary_scores
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
-from pmpnbp.settings import Schedule, Settings, schedule
+from pmpnbp.settings import Schedule, Settings, check_method, schedule
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,7 @@ class Problem:
     prior_node : the part that a gaussian prior names, or -1; prior_pose : (7,) of that part in world
     joint_prior : mean and standard deviation of the joint coordinates that the prior names
     joint_turns : (D,) whether a coordinate is an angle
+    method : one of `settings.METHODS`
     """
 
     mrf: Mrf
@@ -39,6 +40,7 @@ class Problem:
     seed: int
     joint_prior: dict[int, tuple[float, float]]
     joint_turns: NDArray[np.bool_]
+    method: str
 
     @property
     def any_orientation(self) -> bool:
@@ -99,8 +101,13 @@ def build(
     *,
     particles: int = 400,
     seed: int = 0,
+    method: str = "pmpnbp",
 ) -> Problem:
-    """Prepare the inputs: splat models of the parts, the MRF, the prior in the frame of its part."""
+    """Prepare the inputs: splat models of the parts, the MRF, the prior in the frame of its part.
+
+    Raises SettingError for a `method` that there is none of.
+    """
+    check_method(method)
     node, pose = -1, poses.IDENTITY
     known: dict[int, tuple[float, float]] = {}
     if isinstance(prior, GaussianPrior):
@@ -113,7 +120,7 @@ def build(
         turns[edge.coordinates] |= edge.revolute
     return Problem(
         mrf_module.build(model), observation, prepare_surfaces(model, points=max(settings.splat_points, 64)), prior,
-        node, pose, settings, particles, seed, known, turns,
+        node, pose, settings, particles, seed, known, turns, method,
     )  # fmt: skip
 
 

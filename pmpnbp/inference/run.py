@@ -9,7 +9,7 @@ import numpy as np
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference import belief_propagation, global_search, initialisation
+from pmpnbp.inference import belief_propagation, global_search, initialisation, particle_filter
 from pmpnbp.inference.belief import IterationReport, State
 from pmpnbp.inference.problem import Problem
 
@@ -28,11 +28,14 @@ def begin(problem: Problem) -> tuple[State, IterationReport]:
 
 
 def advance(state: State, problem: Problem) -> tuple[State, IterationReport]:
-    """The next iteration: search, or belief propagation. Its random numbers depend on the seed and its number alone, so
-    that any iteration can be done again from its recorded state."""
+    """The next iteration: of the search, then of the problem's method. Its random numbers depend on the seed and its
+    number alone, so that any iteration can be done again from its recorded state."""
     rng = np.random.default_rng([problem.seed, state.iteration + 1])
-    searching = state.iteration < problem.search_iterations
-    return (global_search if searching else belief_propagation).step(rng, state, problem)
+    if state.iteration < problem.search_iterations:
+        return global_search.step(rng, state, problem)
+    if problem.method == "particle_filter":
+        return particle_filter.step(rng, state, problem)
+    return belief_propagation.step(rng, state, problem)
 
 
 def iterate(problem: Problem, iterations: int) -> Iterator[IterationReport]:

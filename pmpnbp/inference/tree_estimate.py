@@ -36,13 +36,16 @@ def improve(
     """Root pose (7,), joint vector (D,), part poses (N, 7) and whole-object log score.
 
     Without the setting `object_estimate` (the paper): the best particle of each part, which need not agree
-    with a tree, and no score (NaN).
+    with a tree, and no score (NaN); where particles are whole objects, the best of these.
     """
     model = problem.mrf.model
     best = belief.log_weights.argmax(axis=1)
     best_poses = belief.poses[np.arange(len(best)), best]
     if not problem.settings.object_estimate:
-        return None, None, best_poses, float("nan")
+        if belief.joint_positions is None:
+            return None, None, best_poses, float("nan")
+        root, q = best_poses[0], belief.joint_positions[best[0]]
+        return root, q, best_poses, float(configuration_scores(problem, root[None], q[None], plan.tolerance)[0])
     means = np.stack([_local_mean(belief, node, int(best[node]), plan) for node in range(problem.mrf.nodes)])
     both = np.stack([best_poses, means])
     anchors = rng.permutation(len(best))[:ANCHORS]

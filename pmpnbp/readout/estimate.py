@@ -157,7 +157,6 @@ def estimate(
     *,
     max_std: float = 0.0025,
     converged: bool = False,
-    method: str = "pmpnbp",
     seconds: float = 0.0,
 ) -> Estimate:
     """The estimate of an iteration. The same problem and report give the same numbers.
@@ -193,7 +192,7 @@ def estimate(
         )  # fmt: skip
     moving = tuple(_joint_estimate(joint, placed) for joint in model.joints if joint.kind != "fixed")
     return Estimate(
-        model.name, method, problem.seed, report.iteration, converged, observation.frame_id, observation.stamp,
+        model.name, problem.method, problem.seed, report.iteration, converged, observation.frame_id, observation.stamp,
         max_std, seconds, part_poses, placed.joint_positions, tuple(links), moving,
     )  # fmt: skip
 

@@ -82,18 +82,21 @@ def joint_stds(rng: np.random.Generator, model: ArticulatedObject, belief: Belie
     Where a belief's particles are whole objects, those of their joint positions. Else pairs of particles of the two
     parts a joint connects are drawn, each from its own belief and independently of the other, and brought to the
     joint: as the beliefs of two neighbours move together, that is more rather than less than the joint's own spread. A
-    coordinate that no edge between two parts has (nothing of it can be seen) has that of its whole range.
+    coordinate that no edge between two parts has (nothing of it can be seen) has that of its whole range, however near
+    to each other resampling has brought the particles in it.
     """
+    found = np.full(model.dof, np.inf)
     if belief.joint_positions is not None:
+        seen = np.array([c for edge in model.edges for c in edge.coordinates[edge.multiplier != 0]], dtype=np.int64)
         offset = _around(belief.joint_positions - estimate, model.wraps)
         weights = np.exp(belief.log_weights[0])
-        return np.sqrt(np.einsum("t,td->d", weights / weights.sum(), offset**2))
-    found = np.full(model.dof, np.inf)
-    for edge in model.edges:
-        spread = _edge_spread(rng, edge, belief, edge.axis_positions(estimate))
-        for axis, coordinate in enumerate(edge.coordinates):
-            if edge.multiplier[axis] != 0:
-                found[coordinate] = min(found[coordinate], spread[axis] / abs(edge.multiplier[axis]))
+        found[seen] = np.sqrt(np.einsum("t,td->d", weights / weights.sum(), offset**2))[seen]
+    else:
+        for edge in model.edges:
+            spread = _edge_spread(rng, edge, belief, edge.axis_positions(estimate))
+            for axis, coordinate in enumerate(edge.coordinates):
+                if edge.multiplier[axis] != 0:
+                    found[coordinate] = min(found[coordinate], spread[axis] / abs(edge.multiplier[axis]))
     return np.where(np.isfinite(found), found, (model.upper - model.lower) / np.sqrt(12.0))
 
 

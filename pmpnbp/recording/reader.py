@@ -189,7 +189,8 @@ class Recording:
         log_weight = temperature * log_unary + log_prior + the sum of the messages' log_share + a constant of the part,
         which `log_constant` is. Each of `messages` has its sender as `from`, its two factors there, `log_unary` and
         `log_neighbour` (from the sender's other neighbours), and the joint draw that did best. Iterations of the search
-        have no messages: particles that belong to one hypothesis (`island`) share its whole-object score.
+        have no messages: particles that belong to one hypothesis (`island`) share its whole-object score. Nor has the
+        particle filter: potential, prior and weight are those of the whole object.
         """
         node = self._node(part)
         report = self.report(iteration)
@@ -245,9 +246,9 @@ class Recording:
         if prior["kind"] != "gaussian" or not settings.prior_factor or report.iteration == 0:
             return 0.0
         problem = known or self.problem(report.iteration)
-        if node != problem.prior_node:
+        if node != problem.prior_node and report.stage != "particle filter":
             return 0.0
-        return float(problem.log_prior(report.belief.poses[node, particle]))
+        return float(problem.log_prior(report.belief.poses[problem.prior_node, particle]))
 
     def _node(self, part: int | str) -> int:
         if isinstance(part, str) and part in self.parts:

@@ -65,13 +65,13 @@ def checked_covariance(numbers: list[float]) -> None:
     assert np.linalg.eigvalsh(matrix).min() > -1e-12
 
 
-def checked(result: dict[str, Any]) -> None:
+def checked(result: dict[str, Any], method: str = "pmpnbp") -> None:
     """That a result has the contract's members, no others, and values that they can have."""
     assert list(result) == [
         "schema", "model", "method", "seed", "iteration", "converged", "frame_id", "stamp", "certain", "max_std",
         "seconds", "links", "joints",
     ]  # fmt: skip
-    assert (result["schema"], result["model"], result["method"]) == ("pmpnbp/estimate-1", "cabinet", "pmpnbp")
+    assert (result["schema"], result["model"], result["method"]) == ("pmpnbp/estimate-1", "cabinet", method)
     assert set(result["links"]) == {"frame"} | {f"{what}{k}" for what in ("drawer", "handle") for k in (1, 2, 3)}
     for link in result["links"].values():
         assert list(link) == [
@@ -115,6 +115,18 @@ def test_the_open_cabinet_is_found(tmp_path: Path, capsys: Capture) -> None:
     with Recording(recording) as recorded:
         assert recorded.iterations() == list(range(result["iteration"] + 1))
     assert sorted(file.name for file in tmp_path.iterdir()) == ["result.json", "run.sqlite"]
+
+
+def test_the_particle_filter_infers_and_is_recorded(tmp_path: Path, capsys: Capture) -> None:
+    recording = tmp_path / "run.sqlite"
+    arguments = ["estimate", *SCAN, *QUICK, "--method", "particle_filter", "--recording", str(recording)]
+    assert main(arguments) == 0
+    printed = capsys.readouterr()
+    assert "particle filter" in printed.err
+    checked(json.loads(printed.out), "particle_filter")
+    with Recording(recording) as recorded:
+        assert recorded.inputs()["method"] == recorded.problem().method == "particle_filter"
+        assert [recorded.report(k).stage for k in (2, 3, 4)] == ["search", "particle filter", "particle filter"]
 
 
 def test_the_installed_way_of_calling_it_prints_the_result() -> None:
@@ -253,7 +265,6 @@ def test_a_prior_that_names_an_unknown_link(tmp_path: Path, capsys: Capture) -> 
         ("--seed=1.5", "'1.5' is not a whole number"),
         ("--max-std=0", "'0' is not a finite number of metres above zero"),
         ("--method=guess", "invalid choice: 'guess'"),
-        ("--method=particle_filter", "method 'particle_filter' comes with a later version"),
         ("--config=speed", "'speed' is not NAME=VALUE"),
         ("--config=speed=9", "setting 'speed' does not exist; there are preset, "),
         ("--config=joint_draws=few", "setting 'joint_draws' is 'few'; it must be a whole number"),

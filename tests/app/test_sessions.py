@@ -160,7 +160,7 @@ def test_a_waiting_one_hears_what_it_is_told(client: httpx.Client, model_id: str
         ({"roi": [0, 0, 0, 0, 1, 1]}, 422, "is empty"),
         ({"roi": [50, 50, 50, 51, 51, 51]}, 422, "no measured point lies in the region"),
         ({"prior": {"kind": "gaussian", "link": "door"}}, 422, "link 'door' of the prior is not in the model"),
-        ({"method": "particle_filter"}, 422, "comes with a later version"),
+        ({"method": "guess"}, 422, "input should be 'pmpnbp' or 'particle_filter', not 'guess'"),
         ({"particles": 0}, 422, "particles in the body"),
         ({"truth": {"links": {"frame": [1, 2]}}}, 422, "link 'frame' of the truth has no 4x4 matrix"),
         ({"colour": "red"}, 422, "colour in the body"),

@@ -138,6 +138,10 @@ def test_success_and_heldout_report_runs_and_failures(capsys: pytest.CaptureFixt
     printed = capsys.readouterr().out
     assert "| open | " in printed
     assert "| all | " in printed
+    success.main(
+        ["--seeds", "1", "--scenes", "open", "--modes", "rough", "--particles", "50", "--method", "particle_filter"]
+    )
+    assert "| open | 1 of 1" in capsys.readouterr().out
     heldout.main(["--cabinets", "0", "--doors", "1", "--chains", "0", "--iterations", "1"])
     printed = capsys.readouterr().out
     assert "| no prior | door | 1 | " in printed

@@ -242,15 +242,16 @@ def test_settings_count_from_the_next_iteration(page: Page, served: Served, sess
     expect(panel.get_by_label("pixel score")).to_have_value("distance")
 
 
-def test_particle_count_begins_a_new_session(page: Page, served: Served, session: str) -> None:
+def test_another_method_or_particle_count_begins_a_new_session(page: Page, served: Served, session: str) -> None:
     opened(page, served, session)
     panel = tab(page, "Settings")
+    panel.get_by_label("method").select_option("particle filter")
     panel.get_by_label("particles per part").fill("30")
     before = page.url.split("?")[0]
     panel.get_by_role("button", name="Start a new session with these").click()
     page.wait_for_url(lambda url: url.split("?")[0] != before)
     made = served.client.get("/api/v1/sessions/" + page.url.split("/")[4]).json()
-    assert made["particles"] == 30
+    assert (made["particles"], made["method"]) == (30, "particle_filter")
     page.locator("body[data-ready]").wait_for()
 
 

@@ -208,18 +208,21 @@ def test_files_are_chosen_and_become_a_session(page: Page, served: Served) -> No
     for label, number in zip(("x from", "y from", "z from", "x to", "y to", "z to"), small.REGION, strict=True):
         page.get_by_label(f"{label}, metres").fill(str(number))
     page.get_by_text("Inference:").click()
+    page.get_by_label("Method").select_option("particle filter")
     page.get_by_label("Preset").select_option("paper")
     page.get_by_label("Particles per part").fill("30")
     page.get_by_label("Iterations", exact=True).fill("12")
     page.get_by_label("Seed").fill("5")
-    expect(page.get_by_text("Inference:")).to_contain_text("belief propagation, paper, 30 particles, 12 iterations")
+    expect(page.get_by_text("Inference:")).to_contain_text("particle filter, paper, 30 particles, 12 iterations")
     page.get_by_role("button", name="Create session").click()
     id = arrived(page)
     found = served.client.get(f"/api/v1/sessions/{id}").json()
     assert (found["name"], found["model_id"], found["scan_ids"]) == ("made by hand", model["id"], [scan["id"]])
     assert (found["particles"], found["iterations"], found["seed"]) == (30, 12, 5)
-    assert found["method"] == "pmpnbp" and found["config"] == {"preset": "paper"}
+    assert found["method"] == "particle_filter" and found["config"] == {"preset": "paper"}
     assert found["roi"] == small.REGION and found["prior"] == {"kind": "uniform", "orientation": "any"}
+    page.goto(served.url)
+    expect(card(page, "made by hand").locator(".method")).to_have_text("particle filter")
 
 
 def test_files_are_dropped_wherever_it_is_on_the_page(page: Page, served: Served) -> None:

@@ -19,6 +19,7 @@ from pmpnbp.errors import PmpnbpError
 from pmpnbp.settings import METHODS
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
+EXPERIMENTS = ("convergence",)
 
 EXAMPLE = """\
 example, a cabinet of which nothing is known but a box around it:
@@ -89,6 +90,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_view(commands)
     _add_settings(commands)
     _add_benchmark(commands)
+    _add_reproduce(commands)
     return parser
 
 
@@ -201,6 +203,27 @@ def _add_benchmark(commands: argparse._SubParsersAction[_Parser]) -> None:
     command.set_defaults(run=_benchmark)
 
 
+def _add_reproduce(commands: argparse._SubParsersAction[_Parser]) -> None:
+    command = commands.add_parser(
+        "reproduce",
+        help="make an experiment of the paper again",
+        description="Make an experiment of the paper again: figures (PNG), tables (CSV) and a report that says which "
+        "of its claims hold. Runs are kept as they are made: after an interruption the same command goes on.",
+    )
+    add = command.add_argument
+    add("experiment", choices=EXPERIMENTS, metavar="EXPERIMENT", help=", ".join(EXPERIMENTS))
+    add("--runs", type=_whole(1, 1000), default=10, metavar="N", help="of each case; default: %(default)s")
+    add("--out", type=Path, metavar="DIR", help="where everything goes; default: out/EXPERIMENT")
+    add("--seed", type=_whole(0, 2**31), default=0, metavar="N", help="the first run's; default: %(default)s")
+    add("--iterations", type=_whole(1, 100_000), metavar="N", help="default: the experiment's own")
+    add("--particles", type=_whole(2, 20_000), metavar="N", help="of each part; default: the experiment's own")
+    add("--all", action="store_true", help="convergence: every sample scene, not only two cabinets")
+    add("--urdf", type=Path, metavar="FILE", help="robot: another robot, in a scan that is rendered of it")
+    add("--processes", type=_whole(1, 256), default=1, metavar="N", help="runs at a time; default: %(default)s")
+    add("--on", metavar="ADDRESS", help="a Dask scheduler whose workers make the runs, as tcp://host:8786")
+    command.set_defaults(run=_reproduce)
+
+
 def _estimate(arguments: argparse.Namespace) -> int:
     from app.commands.estimate import run
 
@@ -230,6 +253,12 @@ def _benchmark(arguments: argparse.Namespace) -> int:
     from app.commands.benchmark import run
 
     return run(arguments.out)
+
+
+def _reproduce(arguments: argparse.Namespace) -> int:
+    from app.commands.reproduce import run
+
+    return run(arguments)
 
 
 def _region(text: str) -> list[float]:

@@ -17,7 +17,8 @@ import pytest
 from PIL import Image
 
 from app.cli import main
-from app.commands.benchmark import BenchmarkError, run
+from app.commands.benchmark import run
+from app.commands.checkout import CheckoutError
 from pmpnbp.recording import Recording
 from pmpnbp.settings import Settings
 
@@ -340,7 +341,7 @@ def test_every_setting_is_listed_with_default_unit_and_help(capsys: Capture) -> 
 
 
 def test_benchmark_runs_the_project_s_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(BenchmarkError, match="not installed with the package; run this from a checkout"):
+    with pytest.raises(CheckoutError, match="not installed with the package; run this from a checkout"):
         run(None, tmp_path)
     (tmp_path / "benchmarks").mkdir()
     (tmp_path / "benchmarks" / "__init__.py").touch()

@@ -1,0 +1,277 @@
+"""`pmpnbp reproduce convergence`: error over iterations and over time, against the particle filter.
+
+The paper: two scenes, 10 runs, 400 particles, 100 iterations, from particles drawn uniformly on the observed points;
+mean error with its 0.95 confidence interval, and beliefs before and after.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.pictures.pictures import Pictures
+from benchmarks.reproduce import figures, reports
+from benchmarks.reproduce.experiment import Experiment, Options
+from benchmarks.reproduce.ledger import Asked, Ledger, Result
+from benchmarks.reproduce.reports import Claim, Table
+from benchmarks.reproduce.scene_runs import SAMPLE_DATA, VARIANTS, asked_of, perform, scene_case
+from benchmarks.statistics import at_times, difference_interval, mean_interval
+from benchmarks.tables import markdown, rate
+from pmpnbp.geometry.poses import Array
+from pmpnbp.scene.scan_files import load_scan
+from pmpnbp.settings import Settings
+
+SCENES = ("cabinet/open", "cabinet/self_occluded")
+MORE_SCENES = ("cabinet/arm", "cabinet/blanket", "cabinet/closed", "door/ajar", "robot/scan_0", "robot/scan_1")
+ITERATIONS, PARTICLES = 100, 400
+# Metres: the largest error of a part that counts as found.
+FOUND = (0.01, 0.02, 0.05)
+# Points in time at which runs are compared.
+TIMES = 120
+
+
+def scenes(options: Options) -> Sequence[str]:
+    """The paper's kind of scene, or every sample."""
+    return (*SCENES, *MORE_SCENES) if options.everything else SCENES
+
+
+def belief_propagation(options: Options, _: Ledger) -> list[Asked]:
+    """Both presets of PMPNBP."""
+    return [_asked(options, scene, variant, seed) for scene in scenes(options) for variant in ("robust", "paper")
+            for seed in options.seeds]  # fmt: skip
+
+
+def particle_filter(options: Options, ledger: Ledger) -> list[Asked]:
+    """The filter with as many iterations, and on for as long as the preset `robust` took for its own."""
+    found = []
+    for scene in scenes(options):
+        results = [ledger.get(_asked(options, scene, "robust", seed)) for seed in options.seeds]
+        spent = [result["seconds"][-1] for result in results if result is not None]
+        budget = round(float(np.median(spent)), 3)
+        found += [_asked(options, scene, "filter", seed, budget) for seed in options.seeds]
+    return found
+
+
+def _asked(options: Options, scene: str, variant: str, seed: int, budget: float = 0.0) -> Asked:
+    iterations = options.iterations or ITERATIONS
+    known = {"prior": True, "metres": 0.10, "degrees": 10.0} if scene.startswith("robot/") else {}
+    keep = [0, iterations] if seed == options.seed else []
+    return asked_of(
+        scene, variant, seed, particles=options.particles or PARTICLES, iterations=iterations, keep=keep,
+        budget=budget, **known,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Runs:
+    """The runs of one variant on one scene, by seed.
+
+    add : (R, I + 1) metres, the mean over the judged parts after each iteration; worst : the same of the largest
+    seconds : (R, I + 1); at_time : (R, K) metres, `add` at the times that all variants of the scene are compared at
+    """
+
+    results: tuple[Result, ...]
+    add: Array
+    worst: Array
+    seconds: Array
+    at_time: Array
+    worst_at_end: Array
+
+
+def gathered(options: Options, ledger: Ledger) -> dict[str, dict[str, Runs]]:
+    """By scene and variant."""
+    iterations = options.iterations or ITERATIONS
+    asked = [*belief_propagation(options, ledger), *particle_filter(options, ledger)]
+    found: dict[str, dict[str, Runs]] = {}
+    for scene in scenes(options):
+        results = {
+            variant: tuple(ledger.get(one) or {} for one in asked if (one["scene"], one["variant"]) == (scene, variant))
+            for variant in VARIANTS
+        }
+        times = time_grid(results["robust"])
+        found[scene] = {variant: _runs(some, iterations, times) for variant, some in results.items()}
+    return found
+
+
+def time_grid(results: Sequence[Result]) -> Array:
+    """(TIMES,) seconds, from the first that all have an estimate at to the median end."""
+    end = float(np.median([result["seconds"][-1] for result in results]))
+    return np.linspace(0.0, end, TIMES)
+
+
+def _runs(results: tuple[Result, ...], iterations: int, times: Array) -> Runs:
+    add, worst, seconds, at_time, at_end = [], [], [], [], []
+    for result in results:
+        judged = np.array(result["judged"])
+        errors, spent = np.array(result["add"])[:, judged], np.array(result["seconds"])
+        add.append(errors.mean(axis=1)[: iterations + 1])
+        worst.append(errors.max(axis=1)[: iterations + 1])
+        seconds.append(spent[: iterations + 1])
+        at_time.append(at_times(spent, errors.mean(axis=1), times))
+        at_end.append(float(at_times(spent, errors.max(axis=1), times[-1:])[0]))
+    return Runs(results, *(np.array(one) for one in (add, worst, seconds, at_time, at_end)))
+
+
+def write(options: Options, ledger: Ledger) -> None:
+    """Figures, tables and the report."""
+    found = gathered(options, ledger)
+    pictures: dict[str, str] = {}
+    for scene, runs in found.items():
+        name = scene.replace("/", "_")
+        draw_errors(options, scene, runs, f"{name}_error.png")
+        pictures[f"{name}_error.png"] = (
+            f"{scene}: mean ADD of the parts that are seen, with the 0.95 confidence interval of its mean over "
+            f"{options.runs} runs; above over iterations, below over computing time."
+        )
+        for variant in VARIANTS:
+            draw_beliefs(options, scene, variant, runs[variant].results[0], f"{name}_{variant}.png")
+            pictures[f"{name}_{variant}.png"] = (
+                f"{scene}, {VARIANTS[variant].title}: the scan, particles at the start and after "
+                f"{options.iterations or ITERATIONS} iterations, and the estimate."
+            )
+    for table in (error_table(found), run_table(found)):
+        reports.write_table(options.out, table)
+    reports.write_report(
+        options.out, "Convergence", options.command, f"{options.seed} to {options.seed + options.runs - 1}",
+        claims(found), [success_section(found), comparison_section(found)], pictures,
+    )  # fmt: skip
+
+
+def draw_errors(options: Options, scene: str, runs: Mapping[str, Runs], name: str) -> None:
+    """Error over iterations, and over seconds."""
+    figure, axes = figures.panels(2, 1, 4.0)
+    times = time_grid(runs["robust"].results)
+    for variant, some in runs.items():
+        title = VARIANTS[variant].title
+        figures.band(axes[0, 0], np.arange(some.add.shape[1]), *(100 * mean_interval(some.add)), variant, title)
+        shown = times >= np.median(some.seconds[:, 0])
+        figures.band(axes[1, 0], times[shown], *(100 * mean_interval(some.at_time)[:, shown]), variant)
+    axes[0, 0].set(xlabel="iteration", ylabel="mean ADD (cm)", title=scene)
+    axes[1, 0].set(xlabel="computing time (s)", ylabel="mean ADD (cm)")
+    for one in axes[:, 0]:
+        figures.errors_in(one)
+    figures.name_lines(figure, axes[0, 0])
+    figures.save(figure, options.out / name)
+
+
+def draw_beliefs(options: Options, scene: str, variant: str, result: Result, name: str) -> None:
+    """The scan, particles before and after, and the estimate."""
+    settings = Settings()
+    model = scene_case(scene, settings.image_width, settings.triangles).model
+    scan = load_scan(SAMPLE_DATA / scene / "depth.png", SAMPLE_DATA / scene / "camera.json")
+    first, last = (result["kept"][str(iteration)] for iteration in (0, options.iterations or ITERATIONS))
+    figure, axes = figures.panels(2, 2, 3.0)
+    drawing = Pictures()
+    figures.beside(axes[0, 0], figures.observed(scan), "scan")
+    figures.draw_particles(axes[0, 1], scan, first["particles"], "belief at the start")
+    figures.draw_particles(axes[1, 0], scan, last["particles"], f"belief, iteration {options.iterations or ITERATIONS}")
+    figures.beside(axes[1, 1], figures.estimate_picture(drawing, scan, model, last["poses"]), "estimate")
+    drawing.close()
+    figures.name_parts(figure, result["parts"])
+    figures.save(figure, options.out / name)
+
+
+def error_table(found: Mapping[str, Mapping[str, Runs]]) -> Table:
+    """Mean error and its interval by scene, variant and iteration."""
+    rows = []
+    for scene, runs in found.items():
+        for variant, some in runs.items():
+            mean, low, high = mean_interval(some.add)
+            seconds = np.median(some.seconds, axis=0)
+            rows += [
+                [scene, variant, k, f"{seconds[k]:.4f}", f"{mean[k]:.6f}", f"{low[k]:.6f}", f"{high[k]:.6f}"]
+                for k in range(len(mean))
+            ]
+    return Table("errors", ["scene", "variant", "iteration", "seconds", "add_m", "low_m", "high_m"], rows)
+
+
+def run_table(found: Mapping[str, Mapping[str, Runs]]) -> Table:
+    """How every run ended."""
+    rows = [
+        [scene, variant, seed, f"{some.seconds[seed, -1]:.4f}", f"{some.add[seed, -1]:.6f}",
+         f"{some.worst[seed, -1]:.6f}", f"{some.worst_at_end[seed]:.6f}"]
+        for scene, runs in found.items() for variant, some in runs.items() for seed in range(len(some.add))
+    ]  # fmt: skip
+    header = ["scene", "variant", "run", "seconds", "add_m", "worst_part_m", "worst_part_at_equal_time_m"]
+    return Table("runs", header, rows)
+
+
+def success_section(found: Mapping[str, Mapping[str, Runs]]) -> str:
+    """Success rates of each variant with Wilson's intervals, at equal particles and iterations, and at equal time."""
+    rows = []
+    for scene in [*found, "all"]:
+        for variant, known in VARIANTS.items():
+            some = [runs[variant] for name, runs in found.items() if scene in (name, "all")]
+            equal_time = (
+                [("equal time", np.concatenate([one.worst_at_end for one in some]))] if variant == "filter" else []
+            )
+            for compared, worst in [
+                ("equal iterations", np.concatenate([one.worst[:, -1] for one in some])),
+                *equal_time,
+            ]:
+                seconds = np.median(np.concatenate([one.seconds[:, -1] for one in some]))
+                took = f"{seconds:.2f}" if compared == "equal iterations" else "that of robust"
+                rates = [rate(int(np.sum(worst < limit)), len(worst)) for limit in FOUND]
+                rows.append([scene, known.title, compared, took, *rates])
+    header = ["scene", "method", "compared at", "seconds", *(f"under {100 * limit:.0f} cm" for limit in FOUND)]
+    return "\n".join([
+        "## Success", "",
+        "A run succeeds where every part of which at least a tenth is seen is that near (ADD); rates with Wilson's "
+        "95 % interval.", "", markdown(header, rows),
+    ])  # fmt: skip
+
+
+def comparison_section(found: Mapping[str, Mapping[str, Runs]]) -> str:
+    """By how much the filter's error is larger."""
+    rows = []
+    for scene, runs in found.items():
+        for variant in ("robust", "paper"):
+            for compared, one, other in _compared(runs, variant):
+                mean, low, high = (100 * value for value in difference_interval(other, one))
+                rows.append([scene, VARIANTS[variant].title, compared, f"{mean:+.2f} ({low:+.2f} to {high:+.2f})"])
+    header = ["scene", "method", "compared at", "filter's mean ADD minus the method's (cm, 95 % interval)"]
+    return "\n".join(["## The particle filter beside it", "", markdown(header, rows)])
+
+
+def _compared(runs: Mapping[str, Runs], variant: str) -> list[tuple[str, Array, Array]]:
+    """Final errors (R,) of a variant and of the filter."""
+    own, other = runs[variant], runs["filter"]
+    return [
+        ("equal iterations", own.add[:, -1], other.add[:, -1]),
+        ("equal time", own.at_time[:, -1], other.at_time[:, -1]),
+    ]
+
+
+def claims(found: Mapping[str, Mapping[str, Runs]]) -> list[Claim]:
+    """What the paper says of its convergence figure."""
+    return [*(_converges(found, variant) for variant in ("paper", "robust")),
+            *(_beats_filter(found, variant) for variant in ("paper", "robust"))]  # fmt: skip
+
+
+def _converges(found: Mapping[str, Mapping[str, Runs]], variant: str) -> Claim:
+    ends = {scene: runs[variant].worst[:, -1] for scene, runs in found.items()}
+    held = [bool(np.mean(worst < FOUND[-1]) >= 0.9) for worst in ends.values()]
+    said = "; ".join(
+        f"{scene}: {int(np.sum(worst < FOUND[-1]))} of {len(worst)} runs have every part under "
+        f"{100 * FOUND[-1]:.0f} cm, mean ADD {100 * found[scene][variant].add[:, -1].mean():.2f} cm"
+        for scene, worst in ends.items()
+    )
+    text = f"From particles drawn on the observed points the parts are found ({VARIANTS[variant].title})"
+    return Claim(text, reports.verdict(held), said)
+
+
+def _beats_filter(found: Mapping[str, Mapping[str, Runs]], variant: str) -> Claim:
+    held, said = [], []
+    for scene, runs in found.items():
+        for compared, own, other in _compared(runs, variant):
+            _, low, high = difference_interval(other, own)
+            held.append(low > 0)
+            word = "larger" if low > 0 else "smaller" if high < 0 else "not told apart"
+            said.append(f"{scene}, {compared}: the filter's error is {word}")
+    text = f"The particle filter stays in local minima from which message passing recovers ({VARIANTS[variant].title})"
+    return Claim(text, reports.verdict(held), "; ".join(said))
+
+
+EXPERIMENT = Experiment(perform, (belief_propagation, particle_filter), write)

@@ -1,0 +1,67 @@
+"""How is an experiment made? Runs, kept one by one, then figures, tables and a report of all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tqdm import tqdm
+
+from benchmarks.reproduce.ledger import Asked, Ledger, ReproduceError
+from benchmarks.reproduce.spread import Perform, spread
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line said.
+
+    out : where all files go; runs : of each case; seed : the first run's, the others count up from it
+    iterations, particles : None for the experiment's own
+    everything : every sample, not only the paper's kind; urdf : another robot
+    processes, on : as `spread` takes them; command : as it was called, for the report
+    """
+
+    out: Path
+    runs: int = 10
+    seed: int = 0
+    iterations: int | None = None
+    particles: int | None = None
+    everything: bool = False
+    urdf: Path | None = None
+    processes: int = 1
+    on: str | None = None
+    command: tuple[str, ...] = ()
+
+    @property
+    def seeds(self) -> range:
+        """The seeds of the runs."""
+        return range(self.seed, self.seed + self.runs)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """perform : makes a run; stages : what to run, each knowing what the ones before gave; write : what to say of it"""
+
+    perform: Perform
+    stages: Sequence[Callable[[Options, Ledger], Sequence[Asked]]]
+    write: Callable[[Options, Ledger], None]
+
+
+def make(name: str, experiment: Experiment, options: Options) -> None:
+    """Make the runs that are not kept yet, and write figures, tables and report into `options.out`.
+
+    Raises ReproduceError; what has been run by then is kept, as it is where this is interrupted.
+    """
+    try:
+        ledger = Ledger(options.out, name)
+    except OSError as error:
+        raise ReproduceError(f"'{options.out}' cannot be written: {error.strerror}") from None
+    for stage in experiment.stages:
+        asked = stage(options, ledger)
+        left = [one for one in asked if ledger.get(one) is None]
+        with tqdm(total=len(asked), initial=len(asked) - len(left), desc=name, unit="run", dynamic_ncols=True) as bar:
+            for one, result in spread(experiment.perform, left, options.processes, options.on) if left else ():
+                ledger.add(one, result)
+                bar.update()
+    experiment.write(options, ledger)

@@ -1,0 +1,98 @@
+"""What is written about an experiment? Tables as CSV, and a short report whose conclusions follow from the figures."""
+
+from __future__ import annotations
+
+import csv
+import os
+import platform
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version as version_of
+from pathlib import Path
+
+from app.version import version
+from benchmarks.tables import markdown
+
+HOLDS, IN_PART, NOT = "holds", "holds in part", "does not hold"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One of the paper's. verdict : HOLDS, IN_PART or NOT; because : a sentence with the figures"""
+
+    text: str
+    verdict: str
+    because: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns and rows; numbers are written as they are given. name : the file's, without `.csv`"""
+
+    name: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[object]]
+
+
+def verdict(held: Sequence[bool]) -> str:
+    """HOLDS where all of them do, NOT where none does."""
+    return HOLDS if all(held) else IN_PART if any(held) else NOT
+
+
+def write_table(folder: Path, table: Table) -> None:
+    """`<name>.csv`."""
+    with (folder / f"{table.name}.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(table.header)
+        writer.writerows(table.rows)
+
+
+def write_report(
+    folder: Path,
+    title: str,
+    command: Sequence[str],
+    seeds: str,
+    claims: Sequence[Claim],
+    sections: Iterable[str],
+    figures: Mapping[str, str],
+) -> None:
+    """`report.md`. figures : captions by file name; sections : Markdown, in between"""
+    lines = [
+        f"# {title}",
+        "",
+        f"`{shlex.join(command)}`",
+        "",
+        f"Seeds {seeds}. {made_with()}",
+        "",
+        "## What the paper claims, and what was found",
+        "",
+        markdown(["claim", "", "found"], [[claim.text, f"**{claim.verdict}**", claim.because] for claim in claims]),
+        "",
+    ]
+    for section in sections:
+        lines += [section, ""]
+    for name, caption in figures.items():
+        lines += [f"![{caption}]({name})", "", f"*{caption}*", ""]
+    (folder / "report.md").write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+
+
+def made_with() -> str:
+    """Versions, and how many cores: what figures may depend on."""
+    packages = ", ".join(
+        f"{name} {version_of(name)}" for name in ("numpy", "numba", "scipy", "open3d-cpu") if _has(name)
+    )
+    return (
+        f"pmpnbp {version()}, Python {platform.python_version()}, {packages}; {platform.system()} on "
+        f"{platform.machine()}, {os.cpu_count()} cores."
+    )
+
+
+def _has(name: str) -> bool:
+    from importlib.metadata import PackageNotFoundError
+
+    try:
+        version_of(name)
+    except PackageNotFoundError:
+        return False
+    return True

@@ -6,11 +6,11 @@ import argparse
 import sys
 from pathlib import Path
 
-from benchmarks.reproduce import convergence
+from benchmarks.reproduce import convergence, push
 from benchmarks.reproduce.experiment import Experiment, Options, make
 from benchmarks.reproduce.ledger import NAME
 
-EXPERIMENTS: dict[str, Experiment] = {"convergence": convergence.EXPERIMENT}
+EXPERIMENTS: dict[str, Experiment] = {"convergence": convergence.EXPERIMENT, "push": push.EXPERIMENT}
 
 
 def run(arguments: argparse.Namespace) -> None:

@@ -23,7 +23,9 @@ matplotlib.use("Agg")  # no screen is needed
 
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
 
 # Inches: a column of a two-column page; dots an inch.
 COLUMN, DPI = 3.4, 300
@@ -67,13 +69,21 @@ def errors_in(axes: Axes, least: float = 0.01) -> None:
     """A logarithmic axis of errors in centimetres, not below `least`: an interval may reach to zero and beyond."""
     axes.set_yscale("log")
     axes.set_ylim(bottom=least)
+    plain(axes.yaxis)
+
+
+def plain(axis: Axis) -> None:
+    """Numbers as one writes them along a logarithmic axis, 0.1 and 20, not as powers of ten."""
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def beside(axes: Axes, picture: Array, title: str) -> None:
     """A picture without axes."""
     axes.imshow(picture)
-    axes.set_title(title)
-    axes.axis("off")
+    axes.set(title=title, xticks=[], yticks=[])
+    for side in axes.spines.values():
+        side.set(visible=True, color="#d0d0d0")
 
 
 def observed(scan: Scan) -> Array:

@@ -167,3 +167,17 @@ def configuration(rng: np.random.Generator, pattern: Pattern, size: int) -> Arra
         cosine, sine = np.cos(theta), np.sin(theta)
         poses[hinge.child] = frame[0] - cosine * x + sine * y, frame[1] - sine * x - cosine * y, theta
     return poses
+
+
+def outlines(pattern: Pattern, poses: Array) -> list[Array]:
+    """The closed line (K, 2) around each node's shape at `poses` (N, 3), pixels."""
+    turns = np.linspace(0.0, 2 * np.pi, 40)
+    around = {
+        CIRCLE: RADIUS * np.stack([np.cos(turns), np.sin(turns)], axis=-1),
+        RECTANGLE: np.array([[1, 1], [1, -1], [-1, -1], [-1, 1], [1, 1]]) * (LENGTH / 2, WIDTH / 2),
+    }
+    found = []
+    for shape, (x, y, theta) in zip(pattern.shape, poses, strict=True):
+        cosine, sine = np.cos(theta), np.sin(theta)
+        found.append(around[shape] @ np.array([[cosine, sine], [-sine, cosine]]) + (x, y))
+    return found

@@ -1,0 +1,295 @@
+"""`pmpnbp reproduce push`: the paper's pull form against the push form it replaces, on a planar figure in clutter.
+
+The companion comparison (Desingh, Opipari and Jenkins 2018): a circle with four two-link arms, nine nodes, among shapes
+of the same sizes. Push is nonparametric belief propagation with Gibbs-sampled products (Sudderth et al. 2003).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from benchmarks.reproduce import figures, reports
+from benchmarks.reproduce.experiment import Experiment, Options
+from benchmarks.reproduce.ledger import Asked, Ledger, Result
+from benchmarks.reproduce.planar import run as planar
+from benchmarks.reproduce.planar.pattern import four_arms, outlines
+from benchmarks.reproduce.reports import Claim, Table
+from benchmarks.statistics import difference_interval, mean_interval
+from benchmarks.tables import markdown, rate
+from pmpnbp.geometry.poses import Array
+
+COMPONENTS = (25, 50, 100, 200, 400)
+ITERATIONS, CLUTTER = 45, 20
+# Pixels: a node nearer than this to its place is found; and the share of nodes that makes a run a success.
+FOUND, SHARE = 10.0, 7 / 9
+# From here on the pairs of components outweigh what grows with their number alone.
+LARGE = 100
+TITLES = {"pull": "pull (PMPNBP)", "push": "push (Gibbs-sampled products)"}
+
+
+def perform(asked: Asked) -> Result:
+    """One run: `errors` (I, N) pixels and `seconds` (I,) of its iterations, `unary` and `pairs`, how often the unary
+    potential and a pair of components were asked in an iteration, and the estimate (N, 3)."""
+    _warm()
+    trial = planar.trial(asked["seed"], asked["method"], asked["components"], asked["iterations"], asked["clutter"])
+    return {
+        "errors": np.round(trial.errors, 3).tolist(),
+        "seconds": np.round(trial.seconds, 6).tolist(),
+        "unary": trial.reports[-1].unary_evaluations,
+        "pairs": trial.reports[-1].pair_evaluations,
+        "estimate": np.round(trial.estimate, 3).tolist(),
+    }
+
+
+@lru_cache(maxsize=1)
+def _warm() -> None:
+    planar.warm_up()
+
+
+def every_run(options: Options, _: Ledger) -> list[Asked]:
+    """Both methods on the same pictures, with every number of components."""
+    return [
+        {"method": method, "components": components, "seed": seed, "clutter": CLUTTER,
+         "iterations": options.iterations or ITERATIONS}
+        for components in _components(options) for seed in options.seeds for method in planar.METHODS
+    ]  # fmt: skip
+
+
+def _components(options: Options) -> tuple[int, ...]:
+    return COMPONENTS if options.particles is None else (options.particles // 2, options.particles)
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Of one method and number of components: errors (R, I, N) pixels; seconds (R, I) of each iteration."""
+
+    errors: Array
+    seconds: Array
+    unary: int
+    pairs: int
+
+    @property
+    def mean_error(self) -> Array:
+        """(R, I) pixels, over the nodes."""
+        return self.errors.mean(axis=2)
+
+    @property
+    def iteration_seconds(self) -> float:
+        """Median over all iterations."""
+        return float(np.median(self.seconds))
+
+    @property
+    def successes(self) -> int:
+        """Runs that end with seven of nine nodes found: more than half of the arms, and the circle."""
+        return int(np.sum(np.mean(self.errors[:, -1] < FOUND, axis=1) >= SHARE - 1e-9))
+
+
+Found = Mapping[str, Mapping[int, Runs]]
+
+
+def gathered(options: Options, ledger: Ledger) -> Found:
+    """By method and number of components."""
+    found: dict[str, dict[int, Runs]] = {method: {} for method in planar.METHODS}
+    asked = every_run(options, ledger)
+    for method, by_components in found.items():
+        for components in _components(options):
+            results = [
+                result for one in asked
+                if (one["method"], one["components"]) == (method, components) and (result := ledger.get(one))
+            ]  # fmt: skip
+            by_components[components] = Runs(
+                np.array([result["errors"] for result in results]), np.array([result["seconds"] for result in results]),
+                results[0]["unary"], results[0]["pairs"],
+            )  # fmt: skip
+    return found
+
+
+def write(options: Options, ledger: Ledger) -> None:
+    """Figures, tables and the report."""
+    found = gathered(options, ledger)
+    draw_scene(options, ledger, "figure.png")
+    draw_time(options, found, "error_over_time.png")
+    draw_components(options, found, "components.png")
+    reports.write_table(options.out, component_table(found))
+    reports.write_table(options.out, iteration_table(found))
+    captions = {
+        "figure.png": "The first picture, a figure among twenty distractors, and where each method finds it.",
+        "error_over_time.png": "Mean error of the nodes over computing time, mean over the runs.",
+        "components.png": "Final error with its 0.95 interval, and seconds of an iteration, over the components.",
+    }
+    reports.write_report(
+        options.out, "Pull against push", options.command, f"{options.seed} to {options.seed + options.runs - 1}",
+        claims(found), [table_section(found), growth_section(found)], captions,
+    )  # fmt: skip
+
+
+def draw_scene(options: Options, ledger: Ledger, name: str) -> None:
+    """The picture of the first seed, and over it both estimates with the most components."""
+    seen = planar.scene(options.seed, CLUTTER)
+    figure, axes = figures.panels(1, 3, 1.55)
+    figures.beside(axes[0, 0], 1.0 - 0.75 * np.repeat(seen.picture[..., None], 3, axis=2), "picture")
+    most = max(_components(options))
+    asked = {one["method"]: one for one in every_run(options, ledger)
+             if one["seed"] == options.seed and one["components"] == most}  # fmt: skip
+    for place, method in enumerate(planar.METHODS, start=1):
+        result = ledger.get(asked[method])
+        assert result is not None
+        faint = 1.0 - 0.25 * np.repeat(seen.picture[..., None], 3, axis=2)
+        figures.beside(axes[0, place], faint, f"{method}, M = {most}")
+        for line in outlines(four_arms(), np.array(result["estimate"])):
+            axes[0, place].plot(line[:, 0], line[:, 1], color=figures.STROKES[method][0], linewidth=0.9)
+    figures.save(figure, options.out / name)
+
+
+def draw_time(options: Options, found: Found, name: str) -> None:
+    """Error over the seconds spent, a line for each number of components."""
+    figure, axes = figures.panels(1, 1, 2.9)
+    for method, by_components in found.items():
+        colour, stroke = figures.STROKES[method]
+        for components, marker in zip(by_components, figures.MARKERS, strict=False):
+            runs = by_components[components]
+            spent = np.cumsum(np.median(runs.seconds, axis=0))
+            axes[0, 0].plot(
+                spent, runs.mean_error.mean(axis=0), stroke, color=colour, marker=marker, markersize=3, markevery=6,
+                label=f"{method}, M = {components}",
+            )  # fmt: skip
+    axes[0, 0].set(xlabel="computing time (s)", ylabel="mean error (pixels)", xscale="log")
+    figures.errors_in(axes[0, 0], 4.0)
+    axes[0, 0].set_yticks([5, 10, 20, 50, 100])
+    figures.plain(axes[0, 0].xaxis)
+    figures.name_lines(figure, axes[0, 0])
+    figures.save(figure, options.out / name)
+
+
+def draw_components(options: Options, found: Found, name: str) -> None:
+    """Final error and seconds an iteration over M."""
+    figure, axes = figures.panels(2, 1, 3.9)
+    for method, by_components in found.items():
+        colour, stroke = figures.STROKES[method]
+        sizes = np.array(list(by_components))
+        ends = np.array([mean_interval(runs.mean_error[:, -1]) for runs in by_components.values()]).T
+        figures.band(axes[0, 0], sizes, *ends, method, TITLES[method])
+        axes[1, 0].plot(sizes, [1000 * runs.iteration_seconds for runs in by_components.values()], stroke,
+                        color=colour, marker="o", markersize=3)  # fmt: skip
+    axes[0, 0].set(xlabel="components M", ylabel="mean error (pixels)", xscale="log", ylim=(0, None))
+    axes[1, 0].set(xlabel="components M", ylabel="an iteration (ms)", xscale="log", yscale="log")
+    figures.plain(axes[1, 0].yaxis)
+    for one in axes[:, 0]:
+        one.set_xticks(sizes, [str(size) for size in sizes])
+        one.minorticks_off()
+    figures.name_lines(figure, axes[0, 0], columns=1)
+    figures.save(figure, options.out / name)
+
+
+def component_table(found: Found) -> Table:
+    """A row for each method and number of components."""
+    rows = []
+    for method, by_components in found.items():
+        for components, runs in by_components.items():
+            mean, low, high = mean_interval(runs.mean_error[:, -1])
+            rows.append([
+                method, components, len(runs.errors), f"{mean:.3f}", f"{low:.3f}", f"{high:.3f}",
+                f"{np.mean(runs.errors[:, -1] < FOUND):.4f}", runs.successes, f"{1000 * runs.iteration_seconds:.4f}",
+                runs.unary, runs.pairs,
+            ])  # fmt: skip
+    header = ["method", "components", "runs", "error_px", "low_px", "high_px", "nodes_found", "successes",
+              "iteration_ms", "unary_evaluations", "pair_evaluations"]  # fmt: skip
+    return Table("components", header, rows)
+
+
+def iteration_table(found: Found) -> Table:
+    """Mean error and median seconds spent, iteration by iteration."""
+    rows = [
+        [method, components, k + 1, f"{spent:.5f}", f"{error:.3f}"]
+        for method, by_components in found.items() for components, runs in by_components.items()
+        for k, (spent, error) in enumerate(
+            zip(np.cumsum(np.median(runs.seconds, axis=0)), runs.mean_error.mean(axis=0), strict=True)
+        )
+    ]  # fmt: skip
+    return Table("iterations", ["method", "components", "iteration", "seconds", "error_px"], rows)
+
+
+def table_section(found: Found) -> str:
+    """Errors, successes and seconds, as Markdown."""
+    rows = []
+    for method, by_components in found.items():
+        for components, runs in by_components.items():
+            mean, low, high = mean_interval(runs.mean_error[:, -1])
+            rows.append([
+                TITLES[method], components, f"{mean:.1f} ({low:.1f} to {high:.1f})",
+                f"{100 * np.mean(runs.errors[:, -1] < FOUND):.0f} %", rate(runs.successes, len(runs.errors)),
+                f"{1000 * runs.iteration_seconds:.1f}", f"{np.median(runs.seconds.sum(axis=1)):.2f}",
+            ])  # fmt: skip
+    header = ["method", "M", "mean error (pixels, 95 %)", f"nodes within {FOUND:.0f} pixels", "runs with seven of nine",
+              "ms an iteration", "s a run"]  # fmt: skip
+    return "\n".join(["## By number of components", "", markdown(header, rows)])
+
+
+def exponent(by_components: Mapping[int, Runs]) -> float:
+    """The power of M that seconds an iteration grow with, from LARGE on (least squares of logarithms)."""
+    sizes = [size for size in by_components if size >= LARGE] or list(by_components)
+    if len(sizes) < 2:
+        return float("nan")
+    seconds = [by_components[size].iteration_seconds for size in sizes]
+    return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
+
+
+def growth_section(found: Found) -> str:
+    """How time grows, as Markdown."""
+    lines = [
+        "## Growth of time",
+        "",
+        f"From M = {LARGE} on an iteration takes seconds that grow as M to the power of:",
+        "",
+    ]
+    return "\n".join([*lines, *(f"- {TITLES[method]}: {exponent(runs):.2f}" for method, runs in found.items())])
+
+
+def claims(found: Found) -> list[Claim]:
+    """What the paper says of the push form."""
+    pull, push = found["pull"], found["push"]
+    ratios = [push[size].iteration_seconds / pull[size].iteration_seconds for size in pull]
+    said = ", ".join(f"{ratio:.1f} at M = {size}" for size, ratio in zip(pull, ratios, strict=True))
+    cheaper = Claim(
+        "Gibbs-sampled products limit the number of components; the pull form is cheaper",
+        reports.verdict([ratio > 1 for ratio in ratios]),
+        f"an iteration of push takes as many times as long as one of pull: {said}; both grow with pairs of components, "
+        f"pull as M to the {exponent(pull):.1f}, push to the {exponent(push):.1f}",
+    )
+    held, words = [], []
+    for size in pull:
+        mean, low, high = difference_interval(push[size].mean_error[:, -1], pull[size].mean_error[:, -1])
+        held.append(low > 0)
+        words.append(f"{mean:+.1f} ({low:+.1f} to {high:+.1f}) at M = {size}")
+    equal = Claim(
+        "With as many components the pull form is the more accurate",
+        reports.verdict(held),
+        f"push's mean error minus pull's, pixels, 95 % interval: {'; '.join(words)}",
+    )
+    held, words = [], []
+    for size in push:
+        best = _best_within(pull, float(np.median(push[size].seconds.sum(axis=1))))
+        if best is None:
+            continue
+        mean, low, high = difference_interval(push[size].mean_error[:, -1], pull[best].mean_error[:, -1])
+        held.append(low > 0)
+        words.append(f"{mean:+.1f} ({low:+.1f} to {high:+.1f}) of push with M = {size} against pull with {best}")
+    in_time = Claim(
+        "In the same computing time the pull form is the more accurate",
+        reports.verdict(held) if held else reports.NOT,
+        f"push's mean error minus pull's, pixels, 95 % interval: {'; '.join(words)}",
+    )
+    return [cheaper, equal, in_time]
+
+
+def _best_within(by_components: Mapping[int, Runs], seconds: float) -> int | None:
+    """The most components with which all iterations take no longer."""
+    fitting = [size for size, runs in by_components.items() if np.median(runs.seconds.sum(axis=1)) <= seconds]
+    return max(fitting, default=None)
+
+
+EXPERIMENT = Experiment(perform, (every_run,), write)

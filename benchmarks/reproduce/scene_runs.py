@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -29,17 +30,27 @@ DRAWN = 200
 
 @dataclass(frozen=True)
 class Variant:
-    """A way to infer. title : in figures and tables; method, preset : what makes it"""
+    """A way to infer. title : in figures and tables; method, preset and config, settings beyond it : what makes it"""
 
     title: str
     method: str
     preset: str
+    config: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def settings(self) -> Settings:
+        """All settings."""
+        return changed(preset(self.preset), self.config)
 
 
+# Message passing, or the filter, by itself: no search before it, and no estimate of the whole object behind it.
+_ALONE = {"search_iterations": 0, "object_estimate": False, "anneal_iterations": 12}
 VARIANTS = {
     "robust": Variant("PMPNBP, robust", "pmpnbp", "robust"),
     "paper": Variant("PMPNBP, as in the paper", "pmpnbp", "paper"),
     "filter": Variant("particle filter", "particle_filter", "robust"),
+    "robust_alone": Variant("message passing alone", "pmpnbp", "robust", _ALONE),
+    "filter_alone": Variant("particle filter alone", "particle_filter", "robust", _ALONE),
 }
 
 
@@ -66,7 +77,7 @@ def perform(asked: Asked) -> Result:
     kept : by iteration, `particles`, (N, T, 3) positions, and `poses`, (N, 7), of the estimate
     """
     variant = VARIANTS[asked["variant"]]
-    settings = preset(variant.preset)
+    settings = variant.settings
     case = scene_case(asked["scene"], settings.image_width, settings.triangles)
     _warm(asked["scene"], asked["variant"], asked["prior"])
     prior = _prior(case, asked)
@@ -119,7 +130,7 @@ def model_file(scene: str) -> Path:
 def _warm(scene: str, variant: str, known: bool) -> None:
     """Once a process: kernels are compiled, or read from their cache, outside the time that is measured."""
     chosen = VARIANTS[variant]
-    settings = preset(chosen.preset)
+    settings = chosen.settings
     case = scene_case(scene, settings.image_width, settings.triangles)
     prior = _prior(case, {"prior": known, "seed": 0, "metres": 0.1, "degrees": 5.0})
     short = shortened(settings, search=1, anneal=1, refine=1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import re
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -73,6 +74,8 @@ def _on_dask(perform: Perform, asked: Sequence[Asked], address: str) -> Iterator
     except (OSError, ValueError) as error:
         raise ReproduceError(f"no Dask scheduler answers at '{address}': {error}") from None
     with client:
+        if not client.scheduler_info(n_workers=-1)["workers"]:
+            sys.stderr.write(f"waiting for workers at '{address}'\n")
         # a run whose worker is killed goes to another one, or waits until it is back
         waiting = dict(zip(client.map(perform, asked, pure=False, retries=ATTEMPTS), asked, strict=True))
         try:
@@ -82,6 +85,11 @@ def _on_dask(perform: Perform, asked: Sequence[Asked], address: str) -> Iterator
                 except distributed.KilledWorker:
                     raise ReproduceError(
                         f"workers at '{address}' were killed again and again by the run {dict(waiting[done])}"
+                    ) from None
+                except ModuleNotFoundError as error:
+                    raise ReproduceError(
+                        f"scheduler or workers at '{address}' do not find '{error.name}'; start them in a checkout of "
+                        f"the project, with PYTHONPATH=. and the same packages"
                     ) from None
         finally:
             client.cancel(list(waiting))

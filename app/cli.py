@@ -19,7 +19,7 @@ from pmpnbp.errors import PmpnbpError
 from pmpnbp.settings import METHODS
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
-EXPERIMENTS = ("convergence", "push")
+EXPERIMENTS = ("convergence", "occlusion", "robot", "planning", "push")
 
 EXAMPLE = """\
 example, a cabinet of which nothing is known but a box around it:

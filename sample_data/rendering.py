@@ -117,7 +117,7 @@ def cast(meshes: Sequence[trimesh.Trimesh], camera: Camera) -> RayCast:
     return RayCast(np.where(found, distance, 0.0), index, cosine)
 
 
-def _covered_pixels(mesh: trimesh.Trimesh, camera: Camera) -> int:
+def covered_pixels(mesh: trimesh.Trimesh, camera: Camera) -> int:
     """How many pixels `mesh` (in world) covers if nothing else is there."""
     vertices = poses.transform_points(poses.inverse(camera.pose_world_camera), mesh.vertices)
     if np.any(vertices[:, 2] <= 0):
@@ -168,7 +168,7 @@ def render_scan(
     depth = sensor.measured(seen.depth, seen.cosine, rng)
     visible, alone = {}, {}
     for index, (name, surface) in enumerate(surfaces.items()):
-        alone[name] = _covered_pixels(surface, camera)
+        alone[name] = covered_pixels(surface, camera)
         visible[name] = float(np.sum((seen.index == index) & (depth > 0)) / max(alone[name], 1))
     joints = {name: float(joint_positions.get(name, 0.0)) for name in model.actuated_joint_names}
     matrices = link_matrices(model, joint_positions, pose_world_base)

@@ -6,11 +6,17 @@ import argparse
 import sys
 from pathlib import Path
 
-from benchmarks.reproduce import convergence, push
+from benchmarks.reproduce import convergence, occlusion, planning, push, robot
 from benchmarks.reproduce.experiment import Experiment, Options, make
 from benchmarks.reproduce.ledger import NAME
 
-EXPERIMENTS: dict[str, Experiment] = {"convergence": convergence.EXPERIMENT, "push": push.EXPERIMENT}
+EXPERIMENTS: dict[str, Experiment] = {
+    "convergence": convergence.EXPERIMENT,
+    "occlusion": occlusion.EXPERIMENT,
+    "robot": robot.EXPERIMENT,
+    "planning": planning.EXPERIMENT,
+    "push": push.EXPERIMENT,
+}
 
 
 def run(arguments: argparse.Namespace) -> None:

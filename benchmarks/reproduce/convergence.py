@@ -12,16 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from app.pictures.pictures import Pictures
 from benchmarks.reproduce import figures, reports
+from benchmarks.reproduce.endings import FOUND
 from benchmarks.reproduce.experiment import Experiment, Options
 from benchmarks.reproduce.ledger import Asked, Ledger, Result
 from benchmarks.reproduce.reports import Claim, Table
-from benchmarks.reproduce.scene_runs import SAMPLE_DATA, VARIANTS, asked_of, perform, scene_case
+from benchmarks.reproduce.scene_runs import VARIANTS, asked_of, perform, scene_case, scene_scan
 from benchmarks.statistics import at_times, difference_interval, mean_interval
 from benchmarks.tables import markdown, rate
 from pmpnbp.geometry.poses import Array
-from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.settings import Settings
 
 SCENES = ("cabinet/open", "cabinet/self_occluded")
@@ -30,8 +29,6 @@ ITERATIONS, PARTICLES = 100, 400
 WHOLE = ("robust", "paper", "filter")
 # Each method by itself: from a rough prior, in so many iterations; metres and degrees per axis.
 ALONE, ALONE_ITERATIONS, ROUGH = ("robust_alone", "filter_alone"), 20, (0.08, 8.6)
-# Metres: the largest error of a part that counts as found.
-FOUND = (0.01, 0.02, 0.05)
 # Points in time at which runs are compared.
 TIMES = 120
 
@@ -132,6 +129,7 @@ def write(options: Options, ledger: Ledger) -> None:
     """Figures, tables and the report."""
     found, ends = gathered(options, ledger), alone_ends(options, ledger)
     pictures: dict[str, str] = {}
+    drawing = figures.Drawing()
     for scene, runs in found.items():
         name = scene.replace("/", "_")
         draw_errors(options, scene, runs, f"{name}_error.png")
@@ -140,15 +138,16 @@ def write(options: Options, ledger: Ledger) -> None:
             f"{options.runs} runs; above over iterations, below over computing time."
         )
         for variant in WHOLE:
-            draw_beliefs(options, scene, variant, runs[variant].results[0], f"{name}_{variant}.png")
+            draw_beliefs(options, drawing, scene, variant, runs[variant].results[0], f"{name}_{variant}.png")
             pictures[f"{name}_{variant}.png"] = (
                 f"{scene}, {VARIANTS[variant].title}: the scan, particles at the start and after "
                 f"{options.iterations or ITERATIONS} iterations, and the estimate."
             )
+    drawing.close()
     for table in (error_table(found), run_table(found)):
         reports.write_table(options.out, table)
     reports.write_report(
-        options.out, "Convergence", options.command, f"{options.seed} to {options.seed + options.runs - 1}",
+        options.out, "Convergence", options.command, options.named_seeds,
         claims(found, ends), [success_section(found), comparison_section(found), alone_section(ends)], pictures,
     )  # fmt: skip
 
@@ -170,19 +169,19 @@ def draw_errors(options: Options, scene: str, runs: Mapping[str, Runs], name: st
     figures.save(figure, options.out / name)
 
 
-def draw_beliefs(options: Options, scene: str, variant: str, result: Result, name: str) -> None:
+def draw_beliefs(
+    options: Options, drawing: figures.Drawing, scene: str, variant: str, result: Result, name: str
+) -> None:
     """The scan, particles before and after, and the estimate."""
     settings = Settings()
     model = scene_case(scene, settings.image_width, settings.triangles).model
-    scan = load_scan(SAMPLE_DATA / scene / "depth.png", SAMPLE_DATA / scene / "camera.json")
+    scan = scene_scan(scene)
     first, last = (result["kept"][str(iteration)] for iteration in (0, options.iterations or ITERATIONS))
     figure, axes = figures.panels(2, 2, 3.0)
-    drawing = Pictures()
-    figures.beside(axes[0, 0], figures.observed(scan), "scan")
-    figures.draw_particles(axes[0, 1], scan, first["particles"], "belief at the start")
-    figures.draw_particles(axes[1, 0], scan, last["particles"], f"belief, iteration {options.iterations or ITERATIONS}")
-    figures.beside(axes[1, 1], figures.estimate_picture(drawing, scan, model, last["poses"]), "estimate")
-    drawing.close()
+    figures.beside(axes[0, 0], drawing.observed(scan), "scan")
+    drawing.particles(axes[0, 1], scan, first["particles"], "belief at the start")
+    drawing.particles(axes[1, 0], scan, last["particles"], f"belief, iteration {options.iterations or ITERATIONS}")
+    figures.beside(axes[1, 1], drawing.estimate(scan, model, last["poses"]), "estimate")
     figures.name_parts(figure, result["parts"])
     figures.save(figure, options.out / name)
 

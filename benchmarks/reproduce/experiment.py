@@ -38,6 +38,11 @@ class Options:
         """The seeds of the runs."""
         return range(self.seed, self.seed + self.runs)
 
+    @property
+    def named_seeds(self) -> str:
+        """The same, for a report."""
+        return f"{self.seed} to {self.seed + self.runs - 1}" if self.runs > 1 else f"{self.seed}"
+
 
 @dataclass(frozen=True)
 class Experiment:

@@ -122,7 +122,7 @@ def write(options: Options, ledger: Ledger) -> None:
         "components.png": "Final error with its 0.95 interval, and seconds of an iteration, over the components.",
     }
     reports.write_report(
-        options.out, "Pull against push", options.command, f"{options.seed} to {options.seed + options.runs - 1}",
+        options.out, "Pull against push", options.command, options.named_seeds,
         claims(found), [table_section(found), growth_section(found)], captions,
     )  # fmt: skip
 

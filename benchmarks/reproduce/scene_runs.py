@@ -1,10 +1,10 @@
-"""One run of a method on a sample scene of known truth: errors, spread and seconds, iteration by iteration."""
+"""One run of a method on a scene of known truth: errors, spread and seconds, iteration by iteration."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -17,15 +17,21 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run as engine
 from pmpnbp.inference.belief import IterationReport
-from pmpnbp.inference.problem import Problem
-from pmpnbp.readout.estimate import place
+from pmpnbp.readout.estimate import Placement, place
+from pmpnbp.scene.observation import Scan
+from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
+from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.scene.urdf import load_model
 from pmpnbp.settings import Settings, changed, preset
 
 SAMPLE_DATA = PROJECT / "sample_data"
 # Particles of a part that are kept of an iteration to be drawn.
 DRAWN = 200
+# Among the iterations to be kept: the one a run ends with, whichever it is.
+LAST = "last"
+# The scene that kernels are made ready on.
+WARMED_ON = "cabinet/open"
 
 
 @dataclass(frozen=True)
@@ -59,10 +65,12 @@ def asked_of(
 ) -> dict[str, Any]:
     """What `perform` is asked for.
 
-    scene : folder of the scan below sample_data; seed : of the inference, and of the prior's draw
+    scene : folder of the scan below sample_data, or anywhere by its full path; seed : of the inference, and of the
+        prior's draw
     prior : whether the root is known to `metres` and `degrees` per axis, else nothing but the region of interest is
-    more : `metres`, `degrees`; `budget`, seconds up to which it goes on beyond its iterations; `keep`, iterations whose
-        particles come with the result
+    more : `metres`, `degrees`; `budget`, seconds up to which it goes on beyond its iterations; `stop_at_rest`, whether
+        it ends once converged; `keep`, iterations whose particles come with the result, or LAST; `views`, further scans
+        of the same scene; `urdf`, the object's file where it is not beside the scan's folder; `digest` of both files
     """
     shared = {"scene": scene, "variant": variant, "seed": seed, "particles": particles, "iterations": iterations}
     return shared | {"prior": prior} | more
@@ -73,17 +81,21 @@ def perform(asked: Asked) -> Result:
 
     parts : their names; judged : whether a part is seen well enough to count; shares : how much of each is seen
     seconds : (I + 1) since the start, the preparation included; add : (I + 1, N) metres; std : (I + 1, N) metres, the
-        largest standard deviation of a part's position along an axis
-    kept : by iteration, `particles`, (N, T, 3) positions, and `poses`, (N, 7), of the estimate
+        largest standard deviation along an axis of the position of any of a part's links
+    at_rest : the iteration in which it converged, or None
+    kept : by iteration, `particles`, (N, T, 3) positions, `poses`, (N, 7), of the estimate, and `covariances`,
+        (N, 3, 3) square metres, of the positions of the parts about it
     """
     variant = VARIANTS[asked["variant"]]
     settings = variant.settings
-    case = scene_case(asked["scene"], settings.image_width, settings.triangles)
-    _warm(asked["scene"], asked["variant"], asked["prior"])
+    case = case_of(asked)
+    _warm(asked["variant"], asked["prior"])
     prior = _prior(case, asked)
     keep = set(asked.get("keep", ()))
     rows: list[tuple[float, Array, Array]] = []
+    recent: list[IterationReport] = []
     kept: dict[str, Any] = {}
+    at_rest = None
     began = time.perf_counter()
     problem = problems.build(
         case.model, case.observation, prior, settings,
@@ -92,14 +104,22 @@ def perform(asked: Asked) -> Result:
     state, report = engine.begin(problem)
     spent = time.perf_counter() - began
     while True:
-        rows.append((spent, case.errors(report.mle), _std(problem, report)))
+        placed = place(problem, report)
+        rows.append((spent, case.errors(report.mle), _std(case, placed)))
+        recent = [*recent[-settings.converged_iterations :], report]
+        if at_rest is None and engine.converged(recent, problem):
+            at_rest = report.iteration
         if report.iteration in keep:
-            kept[str(report.iteration)] = _drawn(report)
+            kept[str(report.iteration)] = _drawn(case, report, placed)
+        if asked.get("stop_at_rest", False) and at_rest is not None:
+            break
         if report.iteration >= asked["iterations"] and spent >= asked.get("budget", 0.0):
             break
         began = time.perf_counter()
         state, report = engine.advance(state, problem)
         spent += time.perf_counter() - began
+    if LAST in keep:
+        kept[LAST] = _drawn(case, report, placed)
     seconds, add, std = zip(*rows, strict=True)
     return {
         "parts": [part.name for part in case.model.parts],
@@ -108,30 +128,55 @@ def perform(asked: Asked) -> Result:
         "seconds": np.round(seconds, 5).tolist(),
         "add": np.round(add, 6).tolist(),
         "std": np.round(std, 6).tolist(),
+        "at_rest": at_rest,
         "kept": kept,
     }
 
 
+def case_of(asked: Asked) -> Case:
+    """What is looked at in a run."""
+    settings = preset(VARIANTS[asked["variant"]].preset)
+    views = tuple(asked.get("views", ()))
+    return scene_case(asked["scene"], settings.image_width, settings.triangles, asked.get("urdf"), views)
+
+
 @lru_cache(maxsize=8)
-def scene_case(scene: str, width: int, triangles: int) -> Case:
-    """The scene in `sample_data/<scene>` with its region of interest."""
-    folder = SAMPLE_DATA / scene
-    model = load_model(model_file(scene), triangle_budget=triangles)
+def scene_case(scene: str, width: int, triangles: int, urdf: str | None = None, views: tuple[str, ...] = ()) -> Case:
+    """The scene in `sample_data/<scene>` with its region of interest.
+
+    urdf : of the object, where it is not beside the scene's folder
+    views : further scans of the same scene; of a part that share counts which is seen in the scan that shows most
+    """
+    model = load_model(model_file(scene) if urdf is None else Path(urdf), triangle_budget=triangles)
     settings = changed(Settings(), {"image_width": width, "triangles": triangles})
-    return load_case(scene, model, folder, load_region(folder), settings)
+    folders = [SAMPLE_DATA / one for one in (scene, *views)]
+    region = load_region(folders[0])
+    cases = [load_case(scene, model, folder, region, settings) for folder in folders]
+    if not views:
+        return cases[0]
+    scans = [scene_scan(one) for one in (scene, *views)]
+    shares = np.max([case.shares for case in cases], axis=0)
+    return replace(cases[0], observation=observe(scans, region, width=width), shares=shares)
+
+
+@lru_cache(maxsize=8)
+def scene_scan(scene: str) -> Scan:
+    """What its camera saw."""
+    return load_scan(SAMPLE_DATA / scene / "depth.png", SAMPLE_DATA / scene / "camera.json")
 
 
 def model_file(scene: str) -> Path:
-    """The URDF of a scene's object."""
+    """The URDF of a sample scene's object."""
     return next((SAMPLE_DATA / scene).parent.glob("*.urdf"))
 
 
 @lru_cache(maxsize=64)
-def _warm(scene: str, variant: str, known: bool) -> None:
-    """Once a process: kernels are compiled, or read from their cache, outside the time that is measured."""
+def _warm(variant: str, known: bool) -> None:
+    """Once a process: kernels are compiled, or read from their cache, outside the time that is measured. They are the
+    same for every scene."""
     chosen = VARIANTS[variant]
     settings = chosen.settings
-    case = scene_case(scene, settings.image_width, settings.triangles)
+    case = scene_case(WARMED_ON, settings.image_width, settings.triangles)
     prior = _prior(case, {"prior": known, "seed": 0, "metres": 0.1, "degrees": 5.0})
     short = shortened(settings, search=1, anneal=1, refine=1)
     problem = problems.build(case.model, case.observation, prior, short, particles=50, seed=0, method=chosen.method)
@@ -148,20 +193,21 @@ def _prior(case: Case, asked: Asked) -> UniformPrior | GaussianPrior:
     return rough_prior(rng, case, case.model.parts[0].links[0], asked["metres"], asked["degrees"])
 
 
-def _std(problem: Problem, report: IterationReport) -> Array:
-    """(N,) of each part, by the first of its links."""
-    model = problem.mrf.model
-    links = [model.links.index(part.links[0]) for part in model.parts]
-    return place(problem, report).std_xyz[links].max(axis=1)
+def _std(case: Case, placed: Placement) -> Array:
+    """(N,) of each part, by that of its links which is spread most."""
+    links, largest = case.model.links, placed.std_xyz.max(axis=1)
+    return np.array([max(largest[links.index(link)] for link in part.links) for part in case.model.parts])
 
 
-def _drawn(report: IterationReport) -> dict[str, Any]:
+def _drawn(case: Case, report: IterationReport, placed: Placement) -> dict[str, Any]:
     """Particles by their weights, so that a picture of points shows the belief."""
     rng = np.random.default_rng(report.iteration)
     belief = report.belief
     weights = np.exp(belief.log_weights)
     rows = [rng.choice(len(one), DRAWN, p=one / one.sum()) for one in weights]
+    first = [case.model.links.index(part.links[0]) for part in case.model.parts]
     return {
         "particles": np.round([belief.poses[node, taken, :3] for node, taken in enumerate(rows)], 4).tolist(),
         "poses": np.round(report.mle, 6).tolist(),
+        "covariances": np.round(placed.covariances[first, :3, :3], 12).tolist(),
     }

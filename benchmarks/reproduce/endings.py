@@ -1,0 +1,120 @@
+"""How did the runs on a scene end? Error, spread and time of each, at rest or where it was told to stop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.reproduce.ledger import Asked, Ledger, Result
+from benchmarks.reproduce.reports import Table
+from benchmarks.tables import markdown, rate
+from pmpnbp.geometry.poses import Array
+
+# Metres: the largest error of a part that counts as found.
+FOUND = (0.01, 0.02, 0.05)
+
+
+@dataclass(frozen=True)
+class Endings:
+    """R runs on one scene, each as it stood at rest, though it may have gone on, or else in the end.
+
+    seeds : (R,); parts : the names of the N parts; shares : (N,) how much of each is seen; judged : (N,) whether that
+    is enough to count; add, std : (R, N) metres; seconds : (R,); at_rest : (R,) the iteration, or None
+    """
+
+    seeds: tuple[int, ...]
+    parts: tuple[str, ...]
+    shares: Array
+    judged: NDArray[np.bool_]
+    add: Array
+    std: Array
+    seconds: Array
+    at_rest: tuple[int | None, ...]
+
+    def found(self, limit: float) -> int:
+        """In how many runs every judged part is within `limit` metres."""
+        return int(np.sum(np.all(self.add[:, self.judged] < limit, axis=1)))
+
+    def certain(self, max_std: float) -> NDArray[np.bool_]:
+        """(R, N): whether no link of a part is spread by more than `max_std` metres along any axis."""
+        found: NDArray[np.bool_] = self.std <= max_std
+        return found
+
+
+def results_of(asked: Sequence[Asked], ledger: Ledger) -> tuple[Result, ...]:
+    """What came of runs that have been made. Raises KeyError for one that has not."""
+    results = [ledger.get(one) for one in asked]
+    if None in results:
+        raise KeyError(f"{results.count(None)} of {len(results)} runs have not been made")
+    return tuple(result for result in results if result is not None)
+
+
+def over_iterations(results: Sequence[Result], name: str) -> Array:
+    """(R, I + 1, N) of what a result has by iteration and part; a run that ended earlier stays as it ended."""
+    longest = max(len(result[name]) for result in results)
+    return np.array([result[name] + result[name][-1:] * (longest - len(result[name])) for result in results])
+
+
+def endings(asked: Sequence[Asked], ledger: Ledger) -> Endings:
+    """Of the runs of one scene."""
+    results = results_of(asked, ledger)
+    ends = [-1 if result["at_rest"] is None else result["at_rest"] for result in results]
+
+    def at_end(name: str) -> Array:
+        return np.array([result[name][end] for result, end in zip(results, ends, strict=True)])
+
+    first = results[0]
+    return Endings(
+        tuple(one["seed"] for one in asked), tuple(first["parts"]), np.array(first["shares"]),
+        np.array(first["judged"]), at_end("add"), at_end("std"), at_end("seconds"),
+        tuple(result["at_rest"] for result in results),
+    )  # fmt: skip
+
+
+def length(found: Mapping[str, Endings]) -> str:
+    """How long the runs took."""
+    lines = [f"- {name}: {taken(some)}" for name, some in found.items()]
+    return "\n".join(["## Time", "", *lines])
+
+
+def taken(some: Endings) -> str:
+    """Seconds and iterations of a run, as part of a sentence."""
+    rests = [rest for rest in some.at_rest if rest is not None]
+    said = f"{np.median(some.seconds):.2f} s a run in the median, {some.seconds.max():.2f} s at most; "
+    said += f"{len(rests)} of {len(some.at_rest)} runs came to rest"
+    return said + (f", after {np.median(rests):.0f} iterations in the median" if rests else "")
+
+
+def part_table(found: Mapping[str, Endings]) -> Table:
+    """How every part was found in every run."""
+    rows = [
+        [name, some.seeds[run], some.parts[part], f"{some.shares[part]:.4f}", "no" if some.judged[part] else "yes",
+         f"{some.add[run, part]:.6f}", f"{some.std[run, part]:.6f}"]
+        for name, some in found.items() for run in range(len(some.add)) for part in range(len(some.parts))
+    ]  # fmt: skip
+    return Table("parts", ["case", "seed", "part", "visible_share", "hidden", "add_m", "std_m"], rows)
+
+
+def part_section(found: Mapping[str, Endings]) -> str:
+    """Error, success and spread part by part, over the runs."""
+    rows = []
+    for name, some in found.items():
+        for part, title in enumerate(some.parts):
+            errors = some.add[:, part]
+            rates = [rate(int(np.sum(errors < limit)), len(errors)) for limit in FOUND]
+            rows.append([
+                name, title, f"{100 * some.shares[part]:.0f} %" + ("" if some.judged[part] else ", **hidden**"),
+                f"{100 * np.median(errors):.2f}", *rates, f"{1000 * np.median(some.std[:, part]):.1f}",
+            ])  # fmt: skip
+    under = (f"under {100 * limit:.0f} cm" for limit in FOUND)
+    header = ["scene", "part", "seen", "median ADD (cm)", *under, "median of the largest std (mm)"]
+    return "\n".join([
+        "## Part by part", "",
+        "Rates with Wilson's 95 % interval; hidden is a part of which less than a tenth is seen. The standard "
+        "deviation is that of the belief's position along the axis on which it is largest; it follows the algorithm's "
+        "own diffusion of particles.", "",
+        markdown(header, rows),
+    ])  # fmt: skip

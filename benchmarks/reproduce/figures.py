@@ -31,7 +31,7 @@ from matplotlib.patches import Ellipse
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
 # Inches: a column of a two-column page; dots an inch.
-COLUMN, DPI = 3.4, 300
+COLUMN, DPI = 3.4, 220
 # Colours that stay apart whatever one's colour vision (Okabe and Ito 2008), with a stroke each for print in grey.
 STROKES: Mapping[str, tuple[str, str]] = {
     "robust": ("#0072B2", "-"), "paper": ("#D55E00", "--"), "filter": ("#000000", ":"),

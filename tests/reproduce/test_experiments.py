@@ -134,7 +134,7 @@ def test_an_experiment_is_made_once_and_written_down(
     report = (out / "report.md").read_text()
     for picture in pictures:
         with Image.open(out / f"{picture}.png") as image:
-            assert image.width == pytest.approx(figures.COLUMN * figures.DPI, abs=2) and image.height > 400
+            assert image.width == pytest.approx(figures.COLUMN * figures.DPI, abs=2) and image.height > 300
         assert f"]({picture}.png)" in report
     assert (
         sum(f"| **{verdict}** |" in line for line in report.splitlines() for verdict in (HOLDS, IN_PART, NOT)) == claims

@@ -10,7 +10,7 @@ import pytest
 
 from tests.app.openapi_calls import exercise, listen, sample
 
-EXAMPLES = 3
+EXAMPLES = 2
 
 
 @pytest.fixture(scope="module")

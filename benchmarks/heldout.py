@@ -59,7 +59,7 @@ def study(
             for number in range(FIRST_SEED, FIRST_SEED + count):
                 case, prior = load_scene(kind, number, Path(parent), settings)
                 if not warm:
-                    warm_kernels(case, settings)
+                    warm_kernels(case, settings, method)
                     warm = True
                 for seed in range(seeds):
                     for known in (NO_PRIOR, ROUGH):

@@ -106,7 +106,7 @@ def measure(
             case = _within_reach(whole, robot, prior, folder / scan, settings)
             reading = time.perf_counter() - start
             if not runs:
-                warm_kernels(case, settings)
+                warm_kernels(case, settings, method)
             trial = run_trial(
                 case, prior, settings, seed=seed, iterations=iterations, particles=particles, method=method
             )

@@ -71,7 +71,7 @@ def study(
     for scene in scenes:
         case = load_cabinet(scene, mode.region, settings)
         if scene == scenes[0]:
-            warm_kernels(case, settings)
+            warm_kernels(case, settings, method)
         for seed in range(seeds):
             trial = run_trial(
                 case, mode.prior(case, seed), settings,

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run as engine
 from pmpnbp.inference.belief import IterationReport
+from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.surfaces import prepare_surfaces
 from pmpnbp.potentials.unary import visible_fractions
 from pmpnbp.readout.estimate import agreeing
@@ -108,6 +109,17 @@ class Trial:
         return float(self.elapsed[beyond[-1] + 1]) if beyond[-1] + 1 < len(self.elapsed) else float("inf")
 
 
+@dataclass(frozen=True)
+class Made:
+    """An iteration. seconds : from the start of the preparation to its end; at_rest : the iteration in which the run
+    converged, or None so far"""
+
+    problem: Problem
+    report: IterationReport
+    seconds: float
+    at_rest: int | None
+
+
 def load_case(name: str, model: ArticulatedObject, folder: Path, region: Array | None, settings: Settings) -> Case:
     """The scene in `folder` (depth.png, camera.json, truth.json) with `region` (6,), world, metres, or the whole image.
 
@@ -158,26 +170,43 @@ def run_trial(
     at_least: int = 0,
 ) -> Trial:
     """Run until converged, `iterations` at most; where `at_least` is given, on to that iteration though converged."""
+    elapsed, worst = [], []
+    for made in timed(case, prior, settings, seed=seed, particles=particles, method=method):
+        elapsed.append(made.seconds)
+        worst.append(_worst(case, made.report.mle))
+        number = made.report.iteration
+        if number >= iterations or (made.at_rest is not None and number >= at_least):
+            break
+    root, joints = agreeing(made.problem, made.report)
+    found = case.model.part_poses(root, joints)
+    return Trial(case.errors(found), found, joints, np.array(elapsed), np.array(worst), made.at_rest)
+
+
+def timed(
+    case: Case,
+    prior: UniformPrior | GaussianPrior,
+    settings: Settings,
+    *,
+    seed: int,
+    particles: int,
+    method: str = "pmpnbp",
+) -> Iterator[Made]:
+    """Iterations from the start on, without an end. What is done with one, judging it, takes none of the seconds."""
     start = time.perf_counter()
     problem = problems.build(
         case.model, case.observation, prior, settings, particles=particles, seed=seed, method=method
     )
     state, report = engine.begin(problem)
-    elapsed = [time.perf_counter() - start]
-    worst = [_worst(case, report.mle)]
+    spent, at_rest = time.perf_counter() - start, None
     recent: Sequence[IterationReport] = [report]
-    at_rest = None
-    while state.iteration < iterations and (at_rest is None or state.iteration < at_least):
+    while True:
+        yield Made(problem, report, spent, at_rest)
         start = time.perf_counter()
         state, report = engine.advance(state, problem)
         recent = [*recent[-settings.converged_iterations :], report]
         if at_rest is None and engine.converged(recent, problem):
             at_rest = state.iteration
-        elapsed.append(elapsed[-1] + time.perf_counter() - start)
-        worst.append(_worst(case, report.mle))
-    root, joints = agreeing(problem, report)
-    found = case.model.part_poses(root, joints)
-    return Trial(case.errors(found), found, joints, np.array(elapsed), np.array(worst), at_rest)
+        spent += time.perf_counter() - start
 
 
 def shortened(settings: Settings, *, search: int, anneal: int, refine: int) -> Settings:
@@ -187,15 +216,15 @@ def shortened(settings: Settings, *, search: int, anneal: int, refine: int) -> S
     return changed(settings, counts | {"search_iterations_per_joint": 0})
 
 
-def warm_kernels(case: Case, settings: Settings) -> None:
+def warm_kernels(case: Case, settings: Settings, method: str = "pmpnbp") -> None:
     """Have every kernel compiled that `settings` use, by a short run that goes through all stages; what it finds is
     of no interest. Without it the first trial of a process would wait for the compiler, or for its cache."""
     short = shortened(settings, search=1, anneal=1, refine=1)
-    run_trial(case, UniformPrior("upright"), short, seed=0, iterations=4, particles=50)
+    run_trial(case, UniformPrior("upright"), short, seed=0, iterations=4, particles=50, method=method)
     link = case.model.parts[0].links[0]
     pose = case.true_poses[0]
     prior = GaussianPrior(link, pose, np.full(3, 0.1), np.full(3, 0.1))
-    run_trial(case, prior, short, seed=0, iterations=4, particles=50)
+    run_trial(case, prior, short, seed=0, iterations=4, particles=50, method=method)
 
 
 def _worst(case: Case, part_poses: Array) -> float:

@@ -13,15 +13,14 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.reproduce import figures, reports
-from benchmarks.reproduce.endings import FOUND
+from benchmarks.reproduce.endings import FOUND, UNDER, rates
 from benchmarks.reproduce.experiment import Experiment, Options
 from benchmarks.reproduce.ledger import Asked, Ledger, Result
 from benchmarks.reproduce.reports import Claim, Table
-from benchmarks.reproduce.scene_runs import VARIANTS, asked_of, perform, scene_case, scene_scan
+from benchmarks.reproduce.scene_runs import VARIANTS, asked_of, case_of, perform, scene_scan
 from benchmarks.statistics import at_times, difference_interval, mean_interval
 from benchmarks.tables import markdown, rate
 from pmpnbp.geometry.poses import Array
-from pmpnbp.settings import Settings
 
 SCENES = ("cabinet/open", "cabinet/self_occluded")
 MORE_SCENES = ("cabinet/arm", "cabinet/blanket", "cabinet/closed", "door/ajar", "robot/scan_0", "robot/scan_1")
@@ -31,6 +30,11 @@ WHOLE = ("robust", "paper", "filter")
 ALONE, ALONE_ITERATIONS, ROUGH = ("robust_alone", "filter_alone"), 20, (0.08, 8.6)
 # Points in time at which runs are compared.
 TIMES = 120
+
+
+def iterations(options: Options) -> int:
+    """Of a run."""
+    return options.iterations or ITERATIONS
 
 
 def scenes(options: Options) -> Sequence[str]:
@@ -48,8 +52,8 @@ def particle_filter(options: Options, ledger: Ledger) -> list[Asked]:
     """The filter with as many iterations, and on for as long as the preset `robust` took for its own."""
     found = []
     for scene in scenes(options):
-        results = [ledger.get(_asked(options, scene, "robust", seed)) for seed in options.seeds]
-        spent = [result["seconds"][-1] for result in results if result is not None]
+        results = ledger.results([_asked(options, scene, "robust", seed) for seed in options.seeds])
+        spent = [result["seconds"][-1] for result in results]
         budget = round(float(np.median(spent)), 3)
         found += [_asked(options, scene, "filter", seed, budget) for seed in options.seeds]
     return found
@@ -60,17 +64,16 @@ def alone(options: Options, _: Ledger) -> list[Asked]:
     metres, degrees = ROUGH
     return [
         asked_of(scene, variant, seed, particles=options.particles or PARTICLES, prior=True, metres=metres,
-                 degrees=degrees, iterations=min(options.iterations or ITERATIONS, ALONE_ITERATIONS))
+                 degrees=degrees, iterations=min(iterations(options), ALONE_ITERATIONS))
         for scene in scenes(options) for variant in ALONE for seed in options.seeds
     ]  # fmt: skip
 
 
 def _asked(options: Options, scene: str, variant: str, seed: int, budget: float = 0.0) -> Asked:
-    iterations = options.iterations or ITERATIONS
     known = {"prior": True, "metres": 0.10, "degrees": 10.0} if scene.startswith("robot/") else {}
-    keep = [0, iterations] if seed == options.seed else []
+    keep = [0, iterations(options)] if seed == options.seed else []
     return asked_of(
-        scene, variant, seed, particles=options.particles or PARTICLES, iterations=iterations, keep=keep,
+        scene, variant, seed, particles=options.particles or PARTICLES, iterations=iterations(options), keep=keep,
         budget=budget, **known,
     )  # fmt: skip
 
@@ -83,7 +86,7 @@ class Runs:
     seconds : (R, I + 1); at_time : (R, K) metres, `add` at the times that all variants of the scene are compared at
     """
 
-    results: tuple[Result, ...]
+    results: Sequence[Result]
     add: Array
     worst: Array
     seconds: Array
@@ -93,16 +96,15 @@ class Runs:
 
 def gathered(options: Options, ledger: Ledger) -> dict[str, dict[str, Runs]]:
     """By scene and variant."""
-    iterations = options.iterations or ITERATIONS
     asked = [*belief_propagation(options, ledger), *particle_filter(options, ledger)]
     found: dict[str, dict[str, Runs]] = {}
     for scene in scenes(options):
         results = {
-            variant: tuple(ledger.get(one) or {} for one in asked if (one["scene"], one["variant"]) == (scene, variant))
+            variant: ledger.results([one for one in asked if (one["scene"], one["variant"]) == (scene, variant)])
             for variant in WHOLE
         }
         times = time_grid(results["robust"])
-        found[scene] = {variant: _runs(some, iterations, times) for variant, some in results.items()}
+        found[scene] = {variant: _runs(some, iterations(options), times) for variant, some in results.items()}
     return found
 
 
@@ -112,14 +114,14 @@ def time_grid(results: Sequence[Result]) -> Array:
     return np.linspace(0.0, end, TIMES)
 
 
-def _runs(results: tuple[Result, ...], iterations: int, times: Array) -> Runs:
+def _runs(results: Sequence[Result], count: int, times: Array) -> Runs:
     add, worst, seconds, at_time, at_end = [], [], [], [], []
     for result in results:
         judged = np.array(result["judged"])
         errors, spent = np.array(result["add"])[:, judged], np.array(result["seconds"])
-        add.append(errors.mean(axis=1)[: iterations + 1])
-        worst.append(errors.max(axis=1)[: iterations + 1])
-        seconds.append(spent[: iterations + 1])
+        add.append(errors.mean(axis=1)[: count + 1])
+        worst.append(errors.max(axis=1)[: count + 1])
+        seconds.append(spent[: count + 1])
         at_time.append(at_times(spent, errors.mean(axis=1), times))
         at_end.append(float(at_times(spent, errors.max(axis=1), times[-1:])[0]))
     return Runs(results, *(np.array(one) for one in (add, worst, seconds, at_time, at_end)))
@@ -141,7 +143,7 @@ def write(options: Options, ledger: Ledger) -> None:
             draw_beliefs(options, drawing, scene, variant, runs[variant].results[0], f"{name}_{variant}.png")
             pictures[f"{name}_{variant}.png"] = (
                 f"{scene}, {VARIANTS[variant].title}: the scan, particles at the start and after "
-                f"{options.iterations or ITERATIONS} iterations, and the estimate."
+                f"{iterations(options)} iterations, and the estimate."
             )
     drawing.close()
     for table in (error_table(found), run_table(found)):
@@ -173,14 +175,12 @@ def draw_beliefs(
     options: Options, drawing: figures.Drawing, scene: str, variant: str, result: Result, name: str
 ) -> None:
     """The scan, particles before and after, and the estimate."""
-    settings = Settings()
-    model = scene_case(scene, settings.image_width, settings.triangles).model
-    scan = scene_scan(scene)
-    first, last = (result["kept"][str(iteration)] for iteration in (0, options.iterations or ITERATIONS))
+    model, scan = case_of({"scene": scene, "variant": variant}).model, scene_scan(scene)
+    first, last = (result["kept"][str(iteration)] for iteration in (0, iterations(options)))
     figure, axes = figures.panels(2, 2, 3.0)
     figures.beside(axes[0, 0], drawing.observed(scan), "scan")
     drawing.particles(axes[0, 1], scan, first["particles"], "belief at the start")
-    drawing.particles(axes[1, 0], scan, last["particles"], f"belief, iteration {options.iterations or ITERATIONS}")
+    drawing.particles(axes[1, 0], scan, last["particles"], f"belief, iteration {iterations(options)}")
     figures.beside(axes[1, 1], drawing.estimate(scan, model, last["poses"]), "estimate")
     figures.name_parts(figure, result["parts"])
     figures.save(figure, options.out / name)
@@ -226,9 +226,8 @@ def success_section(found: Mapping[str, Mapping[str, Runs]]) -> str:
             ]:
                 seconds = np.median(np.concatenate([one.seconds[:, -1] for one in some]))
                 took = f"{seconds:.2f}" if compared == "equal iterations" else "that of robust"
-                rates = [rate(int(np.sum(worst < limit)), len(worst)) for limit in FOUND]
-                rows.append([scene, VARIANTS[variant].title, compared, took, *rates])
-    header = ["scene", "method", "compared at", "seconds", *(f"under {100 * limit:.0f} cm" for limit in FOUND)]
+                rows.append([scene, VARIANTS[variant].title, compared, took, *rates(worst)])
+    header = ["scene", "method", "compared at", "seconds", *UNDER]
     return "\n".join([
         "## Success", "",
         "A run succeeds where every part of which at least a tenth is seen is that near (ADD); rates with Wilson's "
@@ -251,25 +250,20 @@ def comparison_section(found: Mapping[str, Mapping[str, Runs]]) -> str:
 def alone_ends(options: Options, ledger: Ledger) -> dict[str, Array]:
     """By variant, (R,) metres: the largest error of a part that counts when a run of `alone` ends, all scenes."""
     found: dict[str, list[float]] = {variant: [] for variant in ALONE}
-    for asked in alone(options, ledger):
-        result = ledger.get(asked)
-        assert result is not None
+    every = alone(options, ledger)
+    for asked, result in zip(every, ledger.results(every), strict=True):
         found[asked["variant"]].append(float(np.array(result["add"])[-1, np.array(result["judged"])].max()))
     return {variant: np.array(ends) for variant, ends in found.items()}
 
 
 def alone_section(ends: Mapping[str, Array]) -> str:
     """How often each method by itself succeeds."""
-    rows = [
-        [VARIANTS[variant].title, *(rate(int(np.sum(worst < limit)), len(worst)) for limit in FOUND)]
-        for variant, worst in ends.items()
-    ]
-    header = ["method", *(f"under {100 * limit:.0f} cm" for limit in FOUND)]
+    rows = [[VARIANTS[variant].title, *rates(worst)] for variant, worst in ends.items()]
     return "\n".join([
         "## Each method by itself", "",
         "The search before and the whole-object estimate behind are the same for both methods, and do most of the "
         f"work. Without them, from a prior of {100 * ROUGH[0]:.0f} cm and {ROUGH[1]} degrees per axis with unknown "
-        f"joints, in {ALONE_ITERATIONS} iterations:", "", markdown(header, rows),
+        f"joints, in {ALONE_ITERATIONS} iterations:", "", markdown(["method", *UNDER], rows),
     ])  # fmt: skip
 
 
@@ -297,7 +291,7 @@ def claims(found: Mapping[str, Mapping[str, Runs]], ends: Mapping[str, Array]) -
 
 def _converges(found: Mapping[str, Mapping[str, Runs]], variant: str) -> Claim:
     ends = {scene: runs[variant].worst[:, -1] for scene, runs in found.items()}
-    held = [bool(np.mean(worst < FOUND[-1]) >= 0.9) for worst in ends.values()]
+    held = [bool(np.mean(worst < FOUND[-1]) >= reports.USUALLY) for worst in ends.values()]
     said = "; ".join(
         f"{scene}: {int(np.sum(worst < FOUND[-1]))} of {len(worst)} runs have every part under "
         f"{100 * FOUND[-1]:.0f} cm, mean ADD {100 * found[scene][variant].add[:, -1].mean():.2f} cm"

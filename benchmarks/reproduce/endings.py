@@ -15,6 +15,7 @@ from pmpnbp.geometry.poses import Array
 
 # Metres: the largest error of a part that counts as found.
 FOUND = (0.01, 0.02, 0.05)
+UNDER = tuple(f"under {100 * limit:.0f} cm" for limit in FOUND)
 
 
 @dataclass(frozen=True)
@@ -44,12 +45,9 @@ class Endings:
         return found
 
 
-def results_of(asked: Sequence[Asked], ledger: Ledger) -> tuple[Result, ...]:
-    """What came of runs that have been made. Raises KeyError for one that has not."""
-    results = [ledger.get(one) for one in asked]
-    if None in results:
-        raise KeyError(f"{results.count(None)} of {len(results)} runs have not been made")
-    return tuple(result for result in results if result is not None)
+def rates(errors: Array) -> list[str]:
+    """How many of errors (K,), metres, are under each of FOUND; UNDER names the columns."""
+    return [rate(int(np.sum(errors < limit)), len(errors)) for limit in FOUND]
 
 
 def over_iterations(results: Sequence[Result], name: str) -> Array:
@@ -60,7 +58,7 @@ def over_iterations(results: Sequence[Result], name: str) -> Array:
 
 def endings(asked: Sequence[Asked], ledger: Ledger) -> Endings:
     """Of the runs of one scene."""
-    results = results_of(asked, ledger)
+    results = ledger.results(asked)
     ends = [-1 if result["at_rest"] is None else result["at_rest"] for result in results]
 
     def at_end(name: str) -> Array:
@@ -104,13 +102,11 @@ def part_section(found: Mapping[str, Endings]) -> str:
     for name, some in found.items():
         for part, title in enumerate(some.parts):
             errors = some.add[:, part]
-            rates = [rate(int(np.sum(errors < limit)), len(errors)) for limit in FOUND]
             rows.append([
                 name, title, f"{100 * some.shares[part]:.0f} %" + ("" if some.judged[part] else ", **hidden**"),
-                f"{100 * np.median(errors):.2f}", *rates, f"{1000 * np.median(some.std[:, part]):.1f}",
+                f"{100 * np.median(errors):.2f}", *rates(errors), f"{1000 * np.median(some.std[:, part]):.1f}",
             ])  # fmt: skip
-    under = (f"under {100 * limit:.0f} cm" for limit in FOUND)
-    header = ["scene", "part", "seen", "median ADD (cm)", *under, "median of the largest std (mm)"]
+    header = ["scene", "part", "seen", "median ADD (cm)", *UNDER, "median of the largest std (mm)"]
     return "\n".join([
         "## Part by part", "",
         "Rates with Wilson's 95 % interval; hidden is a part of which less than a tenth is seen. The standard "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,13 @@ class Ledger:
     def get(self, asked: Asked) -> Result | None:
         """What came of a run; None where it has not been made."""
         return self._results.get(_key(asked))
+
+    def results(self, asked: Sequence[Asked]) -> list[Result]:
+        """What came of runs that have been made. Raises KeyError where one has not."""
+        found = [self.get(one) for one in asked]
+        if None in found:
+            raise KeyError(f"{found.count(None)} of {len(found)} runs have not been made")
+        return [result for result in found if result is not None]
 
     def add(self, asked: Asked, result: Result) -> None:
         """Keep what came of a run: once this returns it is on disk."""

@@ -53,7 +53,7 @@ def write(options: Options, ledger: Ledger) -> None:
         runs = _asked(options, scene)
         found[scene] = endings.endings(runs, ledger)
         name = f"{scene.replace('/', '_')}.png"
-        draw(options, drawing, runs[0], endings.results_of(runs[:1], ledger)[0], name)
+        draw(options, drawing, runs[0], ledger.results(runs[:1])[0], name)
         captions[name] = (
             f"{scene}, {title}: the scan; particles of the belief in the end (run of seed {options.seed}); the "
             "estimate, its most likely pose, as the camera sees it and from beside."

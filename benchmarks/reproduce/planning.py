@@ -73,7 +73,7 @@ def write(options: Options, ledger: Ledger) -> None:
     for variant in KNOWN:
         runs = {name: _asked(options, variant, stage) for name, stage in STAGES.items()}
         found[variant] = {name: endings.endings(some, ledger) for name, some in runs.items()}
-        first = {name: endings.results_of(some[:1], ledger)[0] for name, some in runs.items()}
+        first = {name: ledger.results(some[:1])[0] for name, some in runs.items()}
         draw(options, drawing, variant, found[variant], first)
         larger = f", drawn {ENLARGED[variant]} times as large" if ENLARGED[variant] != 1 else ""
         captions[f"{variant}.png"] = (
@@ -137,7 +137,7 @@ def draw_deviations(axes: Axes, some: Endings, shown: tuple[float, float]) -> No
         label="run",
     )
     axes.set_xscale("log")
-    axes.xaxis.set_major_formatter("{x:g}")
+    figures.plain(axes.xaxis)
     axes.set_xlim(*shown)
     axes.set_yticks(at, some.parts)
     axes.set_ylim(len(at) - 0.4, -0.6)

@@ -6,8 +6,10 @@ import csv
 import os
 import platform
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as version_of
 from pathlib import Path
 
@@ -86,20 +88,15 @@ def write_report(
 
 def made_with() -> str:
     """Versions, and how many cores: what figures may depend on."""
-    packages = ", ".join(
-        f"{name} {version_of(name)}" for name in ("numpy", "numba", "scipy", "open3d-cpu") if _has(name)
-    )
+    packages = ", ".join(_versions("numpy", "numba", "scipy", "open3d-cpu"))
     return (
         f"pmpnbp {version()}, Python {platform.python_version()}, {packages}; {platform.system()} on "
         f"{platform.machine()}, {os.cpu_count()} cores."
     )
 
 
-def _has(name: str) -> bool:
-    from importlib.metadata import PackageNotFoundError
-
-    try:
-        version_of(name)
-    except PackageNotFoundError:
-        return False
-    return True
+def _versions(*names: str) -> Iterator[str]:
+    """Of those that are installed."""
+    for name in names:
+        with suppress(PackageNotFoundError):
+            yield f"{name} {version_of(name)}"

@@ -65,7 +65,7 @@ def _rendered(options: Options) -> Path:
 def write(options: Options, ledger: Ledger) -> None:
     """Figures, tables and the report."""
     runs = asked(options)
-    results = endings.results_of(runs, ledger)
+    results = ledger.results(runs)
     name = SCENE if options.urdf is None else options.urdf.name
     some = endings.endings(runs, ledger)
     edges = len(case_of(runs[0]).model.edges)
@@ -100,7 +100,7 @@ def draw_errors(options: Options, parts: tuple[str, ...], errors: Array) -> None
             markevery=marked.tolist(), markersize=4, markeredgecolor=INK, markeredgewidth=0.3, label=title,
         )  # fmt: skip
     axes[0, 0].set(xlabel="iteration", ylabel="ADD (cm), median over the runs", xscale="log")
-    axes[0, 0].xaxis.set_major_formatter("{x:g}")
+    figures.plain(axes[0, 0].xaxis)
     figures.errors_in(axes[0, 0])
     figures.name_lines(figure, axes[0, 0], columns=3)
     figures.save(figure, options.out / "error.png")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -12,10 +11,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.reproduce.ledger import Asked, Result
-from benchmarks.trials import PROJECT, Case, load_case, load_region, rough_prior, shortened
+from benchmarks.trials import PROJECT, Case, load_case, load_region, rough_prior, timed, warm_kernels
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference import problem as problems
-from pmpnbp.inference import run as engine
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.readout.estimate import Placement, place
 from pmpnbp.scene.observation import Scan
@@ -87,37 +84,23 @@ def perform(asked: Asked) -> Result:
         (N, 3, 3) square metres, of the positions of the parts about it
     """
     variant = VARIANTS[asked["variant"]]
-    settings = variant.settings
     case = case_of(asked)
-    _warm(asked["variant"], asked["prior"])
-    prior = _prior(case, asked)
+    _warm(asked["variant"])
     keep = set(asked.get("keep", ()))
     rows: list[tuple[float, Array, Array]] = []
-    recent: list[IterationReport] = []
     kept: dict[str, Any] = {}
-    at_rest = None
-    began = time.perf_counter()
-    problem = problems.build(
-        case.model, case.observation, prior, settings,
-        particles=asked["particles"], seed=asked["seed"], method=variant.method,
-    )  # fmt: skip
-    state, report = engine.begin(problem)
-    spent = time.perf_counter() - began
-    while True:
-        placed = place(problem, report)
-        rows.append((spent, case.errors(report.mle), _std(case, placed)))
-        recent = [*recent[-settings.converged_iterations :], report]
-        if at_rest is None and engine.converged(recent, problem):
-            at_rest = report.iteration
+    for made in timed(
+        case, _prior(case, asked), variant.settings,
+        seed=asked["seed"], particles=asked["particles"], method=variant.method,
+    ):  # fmt: skip
+        report, placed = made.report, place(made.problem, made.report)
+        rows.append((made.seconds, case.errors(report.mle), _std(case, placed)))
         if report.iteration in keep:
             kept[str(report.iteration)] = _drawn(case, report, placed)
-        if asked.get("stop_at_rest", False) and at_rest is not None:
+        if asked.get("stop_at_rest", False) and made.at_rest is not None:
             break
-        if report.iteration >= asked["iterations"] and spent >= asked.get("budget", 0.0):
+        if report.iteration >= asked["iterations"] and made.seconds >= asked.get("budget", 0.0):
             break
-        began = time.perf_counter()
-        state, report = engine.advance(state, problem)
-        spent += time.perf_counter() - began
     if LAST in keep:
         kept[LAST] = _drawn(case, report, placed)
     seconds, add, std = zip(*rows, strict=True)
@@ -128,7 +111,7 @@ def perform(asked: Asked) -> Result:
         "seconds": np.round(seconds, 5).tolist(),
         "add": np.round(add, 6).tolist(),
         "std": np.round(std, 6).tolist(),
-        "at_rest": at_rest,
+        "at_rest": made.at_rest,
         "kept": kept,
     }
 
@@ -171,19 +154,12 @@ def model_file(scene: str) -> Path:
 
 
 @lru_cache(maxsize=64)
-def _warm(variant: str, known: bool) -> None:
+def _warm(variant: str) -> None:
     """Once a process: kernels are compiled, or read from their cache, outside the time that is measured. They are the
     same for every scene."""
-    chosen = VARIANTS[variant]
-    settings = chosen.settings
+    settings = VARIANTS[variant].settings
     case = scene_case(WARMED_ON, settings.image_width, settings.triangles)
-    prior = _prior(case, {"prior": known, "seed": 0, "metres": 0.1, "degrees": 5.0})
-    short = shortened(settings, search=1, anneal=1, refine=1)
-    problem = problems.build(case.model, case.observation, prior, short, particles=50, seed=0, method=chosen.method)
-    state, report = engine.begin(problem)
-    while report.iteration < 4:
-        state, report = engine.advance(state, problem)
-    place(problem, report)
+    warm_kernels(case, settings, VARIANTS[variant].method)
 
 
 def _prior(case: Case, asked: Asked) -> UniformPrior | GaussianPrior:

@@ -58,6 +58,12 @@ def serve_for_module(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Calla
         yield lambda **settings: stack.enter_context(serving(tmp_path_factory.mktemp("data")))(**settings)
 
 
+@pytest.fixture(scope="module")
+def client(serve_for_module: Callable[..., Served]) -> httpx.Client:
+    """Calls to a server for a whole file, whose kernels are there."""
+    return serve_for_module().ready().client
+
+
 @pytest.fixture
 def served(serve: Callable[..., Served]) -> Served:
     """A server on the loopback interface, without a token, with nothing in its store."""

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from itertools import combinations
-from typing import Any
 
 import httpx
 import numpy as np
@@ -28,12 +26,6 @@ WAGON = """<robot name="wagon">
     <limit lower="-0.2" upper="1" effort="1" velocity="1"/></joint>
   <joint name="wave" type="planar"><parent link="body"/><child link="flag"/><axis xyz="0 0 1"/></joint>
 </robot>"""
-
-
-@pytest.fixture(scope="module")
-def client(serve_for_module: Callable[..., Any]) -> httpx.Client:
-    client: httpx.Client = serve_for_module().ready().client
-    return client
 
 
 def test_the_graph_of_the_cabinet(client: httpx.Client) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from typing import Any
 
 import httpx
 import pytest
@@ -19,12 +17,6 @@ READS = (
     "beliefs/drawer1/particles", "beliefs/drawer1/particles/3", "beliefs/drawer1/particles/3/picture.png", "estimate",
     "estimate.png",
 )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def client(serve_for_module: Callable[..., Any]) -> httpx.Client:
-    client: httpx.Client = serve_for_module().ready().client
-    return client
 
 
 @pytest.fixture(scope="module")

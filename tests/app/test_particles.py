@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -27,16 +26,9 @@ from tests.app.test_palette import VISION, lab
 
 
 @pytest.fixture(scope="module")
-def client(serve_for_module: Callable[..., Any]) -> httpx.Client:
-    client: httpx.Client = serve_for_module().ready().client
-    return client
-
-
-@pytest.fixture(scope="module")
 def path(client: httpx.Client) -> str:
     """A session at iteration 6, the first two of them a search."""
-    made = small.after(client, 6)
-    return made
+    return small.after(client, 6)
 
 
 @pytest.fixture(scope="module")

@@ -28,12 +28,6 @@ READS = (
 
 
 @pytest.fixture(scope="module")
-def client(serve_for_module: Callable[..., Any]) -> httpx.Client:
-    client: httpx.Client = serve_for_module().ready().client
-    return client
-
-
-@pytest.fixture(scope="module")
 def path(client: httpx.Client) -> str:
     """A session at iteration 8, to which settings and a view were added on the way."""
     made = small.after(client, 4, name="kitchen")

@@ -36,14 +36,14 @@ def test_a_run_is_judged_at_rest_by_the_parts_that_are_seen(ledger: Ledger) -> N
 
 
 def test_a_run_that_ended_stays_as_it_was(ledger: Ledger) -> None:
-    errors = endings.over_iterations(endings.results_of(ASKED, ledger), "add")
+    errors = endings.over_iterations(ledger.results(ASKED), "add")
     assert errors.shape == (2, 3, 3)
     np.testing.assert_array_equal(errors[1, 2], errors[1, 1])
 
 
 def test_a_run_that_was_not_made_is_told(ledger: Ledger) -> None:
     with pytest.raises(KeyError, match="1 of 3 runs have not been made"):
-        endings.results_of([*ASKED, {"seed": 2}], ledger)
+        ledger.results([*ASKED, {"seed": 2}])
 
 
 @pytest.mark.parametrize(("held", "verdict"), [(10, reports.HOLDS), (9, reports.HOLDS), (8, reports.IN_PART),

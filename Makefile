@@ -21,7 +21,7 @@ serve: $(SERVE_STAMP)
 
 ## test: format and lint check, type check, tests, in that order
 test: browser lint types
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile $(PYTEST_ARGS)
 
 ## install: .venv with this project, what it needs and what its tests need
 install: $(STAMP)

@@ -108,6 +108,10 @@ class Settings:
     search_proposals: int = _setting(
         6000, "hypotheses", "tried in each iteration of the search, for every three joints", low=10, high=200_000
     )
+    search_explained: float = _setting(
+        0.8, "", "share of what the search's result covers that the scan must confirm, else it searches again", low=0
+    )
+    search_restarts: int = _setting(2, "searches", "made again at most, in its last iteration", low=0, high=100)
     search_islands: int = _setting(
         40, "hypotheses", "distinct ones that survive each iteration of the search", low=1, high=2000
     )

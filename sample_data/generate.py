@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from sample_data.scenes import Scene, camera_before, write_scene  # noqa: E402
 
 Array = NDArray[np.float64]
 CABINET_SCENES = ("open", "self_occluded", "arm", "blanket", "closed")
-ROBOT_SCANS = ("scan_0", "scan_1")
+ROBOT_SCANS = ("scan_0", "scan_1", "partial")
 
 # Per scene: drawers (metres), where the cabinet stands (x, y, yaw in degrees), camera (degrees off the cabinet's
 # front, metres from its middle on the floor plan, metres above the floor).
@@ -45,7 +46,14 @@ _ROBOT = {
         (-0.50, 0.40, -62.0),
         (-30.0, 2.1, 1.50),
     ),
+    "partial": (
+        (0.16, 0.35, -0.2, 0.8, 0.1, -0.9, 1.1, -0.5, 1.0, 0.3, 0.05),
+        (0.35, 0.20, 118.0),
+        (24.0, 2.1, 1.40),
+    ),
 }
+# Links whose covers swallow most of the sensor's pattern, by scan.
+_DARK = {"partial": ("base", "torso", "head_pan", "head_tilt")}
 _DOOR = ((1.05,), (0.15, 0.35, 31.0), (16.0, 1.55, 1.25))
 
 
@@ -128,7 +136,7 @@ def write_cabinet(folder: Path, scenes: tuple[str, ...] = CABINET_SCENES) -> Non
 
 
 def write_robot(folder: Path) -> None:
-    """The robot's URDF, its head's mesh and two scans into `folder`."""
+    """The robot's URDF, its head's mesh and its scans into `folder`."""
     mesh = folder / mobile_manipulator.HEAD_FILE
     mesh.parent.mkdir(parents=True, exist_ok=True)
     mesh.write_text(mobile_manipulator.head_obj())
@@ -138,7 +146,7 @@ def write_robot(folder: Path) -> None:
         positions, place, view = _ROBOT[name]
         rng = np.random.default_rng([2, index])
         joints = dict(zip(mobile_manipulator.joint_names(), positions, strict=True))
-        scene = _scene(urdf, joints, place, view, 0.60, rng, folder)
+        scene = replace(_scene(urdf, joints, place, view, 0.60, rng, folder), dark=_DARK.get(name, ()))
         write_scene(folder / name, scene, rng)
         write_prior(folder / name / "prior.json", "base", scene.pose_world_base, rng, metres=0.10, degrees=10.0)
 

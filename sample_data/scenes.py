@@ -48,6 +48,7 @@ class Scene:
 
     joint_positions : by name, metres or radians; pose_world_base : (7,) of the URDF's root link
     clutter : everything else, meshes in world; folder : where the URDF's meshes lie, if it has any
+    dark : links of which a depth camera sees patches only
     """
 
     urdf: str
@@ -56,6 +57,7 @@ class Scene:
     camera: Camera
     clutter: tuple[trimesh.Trimesh, ...]
     folder: Path | None = None
+    dark: tuple[str, ...] = ()
 
 
 SceneBuilder = Callable[[np.random.Generator], Scene]
@@ -80,6 +82,7 @@ def write_scene(folder: Path, scene: Scene, rng: np.random.Generator) -> Truth:
         scene.clutter,
         rng,
         scene.folder,
+        scene.dark,
     )
     write_scan(folder, depth, scene.camera, truth)
     return truth

@@ -2,13 +2,15 @@
 
 Axial noise grows with the square of the range (Nguyen, Izadi and Lovell 2012, 3DIMPVT: 1.2 mm + 1.9 mm (z - 0.4)^2);
 depth comes from a disparity in eighths of a pixel (focal length 580 px, baseline 75 mm); outlines waver by half a
-pixel; pixels at depth discontinuities, on grazing surfaces and at random are lost.
+pixel; pixels at depth discontinuities, on grazing surfaces and at random are lost. Dark surfaces, which send
+little of the pattern back, are measured in patches only.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 FOCAL_BASELINE = 580 * 0.075
 DISPARITY_STEP = 1 / 8
@@ -18,6 +20,9 @@ RANDOM_LOSS = 0.01
 GRAZING = np.deg2rad(80.0)
 LATERAL_SIGMA = 0.5
 FARTHEST = 8.0
+# Of a dark surface: the share that is lost, and the size of patches, a standard deviation in pixels.
+DARK_LOSS = 0.7
+PATCH = 7.0
 
 Image = NDArray[np.float64]
 
@@ -72,3 +77,9 @@ def measured(depth: Image, cosine: Image, rng: np.random.Generator) -> NDArray[n
     lost |= np.abs(cosine) < np.cos(GRAZING)
     lost |= (depth <= 0) | (depth > FARTHEST)
     return np.where(lost, 0, np.rint(noisy * 1000)).astype(np.uint16)
+
+
+def lost_in_patches(dark: NDArray[np.bool_], rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Pixels (height, width) that are lost of the surfaces that `dark` marks: DARK_LOSS of them, in patches."""
+    smooth = ndimage.gaussian_filter(rng.standard_normal(dark.shape), PATCH)
+    return dark & (smooth < np.quantile(smooth[dark], DARK_LOSS)) if dark.any() else dark

@@ -59,7 +59,10 @@ class Progress:
         self._bar.close()
 
     def show(self, report: IterationReport) -> None:
-        """Move the bar to the report's iteration and name its stage."""
+        """Move the bar to the report's iteration and name its stage; what the inference remarked comes above it."""
+        if not self._bar.disable:
+            for note in report.notes:
+                self._bar.write(f"iteration {report.iteration}: {note}", file=sys.stderr)
         self._bar.set_description_str(report.stage, refresh=False)
         self._bar.update(report.iteration - self._bar.n)
 

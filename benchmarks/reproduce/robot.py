@@ -1,7 +1,8 @@
 """`pmpnbp reproduce robot`: does the belief converge for an object of many parts, a mobile manipulator?
 
-The paper: a robot of 12 nodes and 11 edges, partly seen; belief samples at iterations 1 and 1000, and the most likely
-estimate, from two sides. Here its base is known to 10 cm and 10 degrees per axis, its joints not at all.
+The paper: a robot of 12 nodes and 11 edges, of whose base, torso and head the sensor shows parts only; belief samples
+at iterations 1 and 1000, and the most likely estimate, from two sides. Here its base is known to 10 cm and 10 degrees
+per axis, its joints not at all.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from benchmarks.reproduce.scene_runs import asked_of, case_of, perform, scene_sc
 from benchmarks.tables import rate
 from pmpnbp.geometry.poses import Array
 
-SCENE = "robot/scan_0"
+SCENE = "robot/partial"
 ITERATIONS, PARTICLES = 1000, 400
 # Standard deviations per axis of what is known of the base.
 METRES, DEGREES = 0.10, 10.0

@@ -138,6 +138,21 @@ def visible_fractions(observation: Observation, surfaces: Surfaces, poses_world_
     return fractions
 
 
+def explained_share(observation: Observation, surfaces: Surfaces, poses_world_part: Array, tolerance: float) -> float:
+    """Share, 0 to 1, of the pixels that the parts at poses (N, 7) cover together and nothing else is in front of, by
+    more than `tolerance` metres: each counts as the robust score has it, 1 at the observed depth, 0 from `tolerance`
+    beside it on. Pixels without depth do not count; where none does the share is 0."""
+    pose = _checked(poses_world_part, (len(surfaces.centres), 7))
+    explained, counted = 0.0, 0
+    for view in observation.views:
+        depth, number = render(view.camera, surfaces, pose)
+        behind = (view.depth - depth)[(number >= 0) & (view.depth > 0)].astype(np.float64)
+        compared = behind[behind > -tolerance]
+        explained += float(np.maximum(0.0, 1.0 - (compared / tolerance) ** 2).sum())
+        counted += len(compared)
+    return explained / max(counted, 1)
+
+
 def _checked(pose: Array, shape: tuple[int, ...]) -> Array:
     """Poses as the kernels take them. One that is not finite, or far beyond any scene, becomes a pixel no kernel can
     look up."""

@@ -70,7 +70,7 @@ function show() {
   find("playback").dataset.going = String(state.playback);
 }
 
-// Where a part became certain and stayed so, and where settings or scans were changed.
+// Where a part became certain and stayed so, where settings or scans were changed, and what the inference remarked.
 function marks() {
   const found = [];
   const rows = state.rows;
@@ -86,6 +86,9 @@ function marks() {
       ? "a view was added"
       : `settings were changed: ${Object.entries(entry.config ?? {}).map(([name, value]) => `${name} = ${value}`).join(", ")}`;
     found.push({ kind: "change", iteration: entry.after_iteration, text: `after iteration ${entry.after_iteration} ${what}` });
+  }
+  for (const row of rows) {
+    for (const note of row.notes ?? []) found.push({ kind: "change", iteration: row.iteration, text: `iteration ${row.iteration}: ${note}` });
   }
   const [first, last] = [oldest(), Math.max(newest(), oldest() + 1)];
   const level = new Map();

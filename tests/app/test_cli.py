@@ -130,6 +130,15 @@ def test_the_particle_filter_infers_and_is_recorded(tmp_path: Path, capsys: Capt
         assert [recorded.report(k).stage for k in (2, 3, 4)] == ["search", "particle filter", "particle filter"]
 
 
+@pytest.mark.parametrize("quiet", [False, True])
+def test_what_the_inference_remarks_is_told(quiet: bool, capsys: Capture) -> None:
+    again = ["--config", "search_explained=1", "--config", "search_restarts=1"]
+    assert main(["estimate", *SCAN, *QUICK, *again, *["--quiet"] * quiet]) == 0
+    printed = capsys.readouterr()
+    checked(json.loads(printed.out))
+    assert ("iteration 2: the search was made 2 times" in printed.err) is not quiet
+
+
 def test_the_installed_way_of_calling_it_prints_the_result() -> None:
     program = [sys.executable, "-m", "app.cli", "estimate", *SCAN, *QUICK]
     done = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, check=True)

@@ -1,7 +1,8 @@
 """A real browser for tests: the system's Chromium, driven by Playwright, and pages that tolerate no error.
 
-Playwright's synchronous interface belongs to the thread that started it: the browser is the test session's, started
-once, and every test has a context of its own, with storage and cookies of its own.
+Playwright's synchronous interface belongs to the thread that started it, and keeps an event loop running there: the
+browser is a file's, so that tests of other files may run loops of their own. Every test has a context of its own, with
+storage and cookies of its own.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ class Troubles:
         return [one for one in self.found if not any(text in one for text in self.expected)]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     """Chromium. Without one the tests skip on a desk, and fail where the environment has CI set."""
     if executable() is None:

@@ -137,6 +137,16 @@ def test_marks_tell_where_a_part_became_certain_and_settings_changed(
     wait(page, lambda: (view(page, served)["drawn"] or {}).get("iteration") == 6)
 
 
+def test_a_mark_tells_what_the_inference_remarked(small_page: Page, served: Served) -> None:
+    config = small.QUICK | {"search_explained": 1.0, "search_restarts": 1}
+    session = small.after(served.client, 4, config=config)
+    (note,) = [note for row in served.client.get(f"{session}/trace").json()["iterations"] for note in row["notes"]]
+    page = opened(small_page, served, session)
+    mark = page.get_by_title(f"iteration 2: {note}")
+    expect(mark).to_have_count(1)
+    assert place(mark) == pytest.approx(2 / 4, abs=1e-6)
+
+
 def test_a_recording_that_was_cut_short(small_page: Page, served: Served, session: str) -> None:
     content = served.client.get(f"{session}/recording").content
     cut = content[: int(len(content) * 0.9)]

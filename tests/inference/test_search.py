@@ -13,10 +13,11 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import hypotheses, initialisation, problem, run
 from pmpnbp.inference.belief import FLIP, OWN, SURFACE
 from pmpnbp.inference.problem import Problem
+from pmpnbp.potentials.unary import explained_share
 from pmpnbp.readout.metrics import add, model_points
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 from pmpnbp.scene.prior import UniformPrior
-from pmpnbp.settings import schedule
+from pmpnbp.settings import changed, schedule
 from tests.inference import small_worlds as worlds
 
 
@@ -158,6 +159,35 @@ def test_the_best_of_the_search_does_not_get_lost(searched: list[run.IterationRe
     """Scores of different iterations do not compare, their tolerances differ; the places of the best ones do."""
     truth = MODEL.part_poses(ROOT, JOINTS)
     assert errors_of(MODEL, searched[-1].mle, truth).max() < 0.05
+
+
+def searched_with(scene: Problem, **changes: object) -> list[run.IterationReport]:
+    hurry = {"search_proposals": 10, "search_islands": 3, "search_iterations": 2, "search_iterations_per_joint": 0}
+    hurried = replace(scene, settings=changed(scene.settings, hurry | changes))
+    return list(run.iterate(hurried, hurried.search_iterations))
+
+
+def test_what_the_scan_does_not_confirm_is_searched_again(scene: Problem) -> None:
+    """Too few proposals to find anything at once: of several searches the best stays."""
+    once, *more = (searched_with(scene, search_explained=1.0, search_restarts=restarts) for restarts in (0, 1, 4))
+    assert once[-1].notes == ()
+    for reports, restarts in zip(more, (1, 4), strict=True):
+        assert [report.iteration for report in reports] == [report.iteration for report in once]
+        np.testing.assert_array_equal(reports[-2].belief.poses, once[-2].belief.poses)
+        assert f"the search was made {restarts + 1} times" in reports[-1].notes[0]
+    scores = [reports[-1].mle_score for reports in (once, *more)]
+    assert scores == sorted(scores) and scores[-1] > scores[0]
+    again = searched_with(scene, search_explained=1.0, search_restarts=4)[-1]
+    np.testing.assert_array_equal(again.belief.poses, more[-1][-1].belief.poses)
+
+
+def test_what_the_scan_confirms_is_not_searched_again(scene: Problem, searched: list[run.IterationReport]) -> None:
+    last = searched[-1]
+    assert scene.settings.search_restarts > 0 and last.notes == ()
+    share = explained_share(scene.observation, scene.surfaces, last.mle, 0.024)
+    assert share > scene.settings.search_explained
+    never = searched_with(scene, search_explained=0.0)[-1]
+    assert never.notes == ()
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -45,14 +45,12 @@ def register(
     with NEAR and `count` about the present place. A prior holds each parameter to where it is, as wide as the
     diffusion, so that one which moves nothing visible does not run away.
     """
-    parameters = _probes(problem), _widths(problem, plan)
-    lines = [_linearised(problem, view, root, joints, parameters[0]) for view in problem.observation.views]
-    residual, weight = (np.concatenate([line[k] for line in lines]) for k in (0, 2))
-    slope = np.concatenate([line[1] for line in lines], axis=1)
+    residual, slope, weight = _residuals(problem, root, joints)
+    held = np.diag(1.0 / _widths(problem, plan) ** 2)
     steps = []
     for gate in (FAR, NEAR):
         used = weight * (np.abs(residual) < gate * tolerance) / tolerance**2
-        information = (slope * used) @ slope.T + np.diag(1.0 / parameters[1] ** 2)
+        information = (slope * used) @ slope.T + held
         step = np.linalg.solve(information, slope @ (used * residual))
         steps += [step, 0.5 * step]
     spread = np.linalg.cholesky(np.linalg.inv(information))
@@ -60,6 +58,26 @@ def register(
     draws = scale * rng.standard_normal((2 * count, len(step))) @ spread.T
     draws[:count] += step
     return _moved(problem, root, joints, np.concatenate([steps, draws]))
+
+
+def curvature(problem: Problem, root: Array, joints: Array, tolerance: float) -> Array:
+    """(6 + D, 6 + D): the whole-object score falls by x C x with a small move x: the root's translation, metres, and
+    rotation vector about its centre, and joints. Only depths that move count, outlines do not."""
+    residual, slope, weight = _residuals(problem, root, joints)
+    used = weight * (np.abs(residual) < NEAR * tolerance) / tolerance**2
+    found: Array = (slope * used) @ slope.T
+    return found
+
+
+def _residuals(problem: Problem, root: Array, joints: Array) -> tuple[Array, Array, Array]:
+    """What `_linearised` gives, of all views together."""
+    probes = _probes(problem)
+    lines = [_linearised(problem, view, root, joints, probes) for view in problem.observation.views]
+    return (
+        np.concatenate([line[0] for line in lines]),
+        np.concatenate([line[1] for line in lines], axis=1),
+        np.concatenate([line[2] for line in lines]),
+    )
 
 
 def _probes(problem: Problem) -> Array:

@@ -1,0 +1,108 @@
+"""How sure can one be of the object, given the scan? Draws from the posterior of root pose and joint positions.
+
+The belief's own spread follows its diffusion and is no uncertainty (docs/algorithm.md, "Spread"). Here the whole object
+is rendered at every draw and scored as the estimate is, and the score counts as the log likelihood, times CONFIDENCE:
+a pixel's score 1 - (d/tau)^2 is a Gaussian's logarithm in the difference of depths d. Draws stay in the hypothesis that
+the estimate is of, but for joints, which are redrawn over their whole range: a quarter turn of a closed cabinet is not
+among them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.joint_draws import within_limits
+from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.registration import curvature
+from pmpnbp.potentials.unary import object_scores
+from pmpnbp.readout.ensemble_sampling import Grid, sample, without_stragglers
+
+# Of a pixel's score, as a log likelihood. The sensor's noise alone would have it near 3 (tau 12 mm, sigma 5 mm); pixels
+# share their errors with their neighbours (steps of depth, the mesh), so each counts for a fraction of that. Set on
+# held-out scenes, docs/algorithm.md.
+CONFIDENCE = 0.5
+# Chains; their steps until those that got stuck are helped out, until they have forgotten the start, and those kept.
+WALKERS, HELPED, FORGOTTEN, STEPS = 48, 50, 50, 150
+# Every so many of these are draws.
+THINNING = 5
+# Cells over a joint's range, and the least share of a uniform density in redraws.
+CELLS, UNIFORM = 100, 0.1
+# Metres and radians: noise on every step, and how far a parameter that the scan does not hold is started from.
+JITTER, LOOSE = 1e-5, 0.02
+
+
+def draw(rng: np.random.Generator, problem: Problem, root: Array, joints: Array) -> tuple[Array, Array]:
+    """Root poses (K, 7) and joint vectors (K, D) of equal weight, given an estimate (7,), (D,) near the best one."""
+    model = problem.mrf.model
+    tolerance = problem.settings.tolerance_end
+
+    def placed(offsets: Array) -> tuple[Array, Array]:
+        roots = poses.perturb(root, offsets[:, :3], offsets[:, 3:6], problem.mrf.centres[0])
+        return roots, joints + offsets[:, 6:]
+
+    def log_density(offsets: Array) -> Array:
+        roots, q = placed(offsets)
+        outside = ~model.wraps & ((q < model.lower) | (q > model.upper))
+        found = np.full(len(offsets), -np.inf)
+        inside = ~outside.any(axis=1)
+        if inside.any():
+            turned = within_limits(q[inside], model.lower, model.upper, model.wraps)
+            found[inside] = _log_posterior(problem, roots[inside], turned, tolerance)
+        return found
+
+    grids = tuple(
+        _grid(problem, root, joints, k, tolerance) for k in range(model.dof) if 0 < _span(problem, k) < np.inf
+    )
+    start = _start(rng, problem, root, joints, tolerance, grids)
+    jitter = np.full(6 + model.dof, JITTER)
+    last = sample(rng, log_density, start, HELPED, jitter=jitter, grids=grids)[0][-1]
+    start = without_stragglers(rng, last, log_density(last))
+    history, _ = sample(rng, log_density, start, FORGOTTEN + STEPS, jitter=jitter, grids=grids)
+    roots, q = placed(history[FORGOTTEN::THINNING].reshape(-1, 6 + model.dof))
+    return roots, within_limits(q, model.lower, model.upper, model.wraps)
+
+
+def _log_posterior(problem: Problem, roots: Array, joints: Array, tolerance: float) -> Array:
+    """(C,) up to a constant, of root poses (C, 7) and joint vectors (C, D)."""
+    part_poses = problem.mrf.model.part_poses(roots, joints)
+    score, _ = object_scores(problem.observation, problem.surfaces, part_poses, problem.score(tolerance))
+    found = CONFIDENCE * score
+    if problem.prior_node >= 0:
+        found = found + problem.log_prior(part_poses[:, problem.prior_node])
+    return found
+
+
+def _span(problem: Problem, coordinate: int) -> float:
+    return float(problem.mrf.model.upper[coordinate] - problem.mrf.model.lower[coordinate])
+
+
+def _grid(problem: Problem, root: Array, joints: Array, coordinate: int, tolerance: float) -> Grid:
+    """Where a joint could as well be, all others as they are: offsets to its position."""
+    model = problem.mrf.model
+    lower, span = float(model.lower[coordinate]), _span(problem, coordinate)
+    tried = np.tile(joints, (CELLS, 1))
+    tried[:, coordinate] = lower + span * (np.arange(CELLS) + 0.5) / CELLS
+    log = _log_posterior(problem, np.tile(root, (CELLS, 1)), tried, tolerance)
+    # half as sure as the posterior, as the others are not quite where they are taken to be
+    weights = np.exp(0.5 * (log - log.max()))
+    weights = (1 - UNIFORM) * weights / weights.sum() + UNIFORM / CELLS
+    begin = lower - float(joints[coordinate])
+    return Grid(6 + coordinate, begin, begin + span, weights)
+
+
+def _start(
+    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, tolerance: float, grids: tuple[Grid, ...]
+) -> Array:
+    """(W, 6 + D) offsets: about the estimate as the curvature of the score has it, joints drawn from their grids where
+    these leave more open than that."""
+    model = problem.mrf.model
+    information = 2 * CONFIDENCE * curvature(problem, root, joints, tolerance)
+    spread = np.linalg.cholesky(np.linalg.inv(information + np.eye(len(information)) / LOOSE**2))
+    offsets = rng.standard_normal((WALKERS, len(spread))) @ spread.T
+    for grid in grids:
+        some = rng.random(WALKERS) < 0.5
+        offsets[some, grid.coordinate] = grid.draw(rng, int(some.sum()))
+    q = within_limits(joints + offsets[:, 6:], model.lower, model.upper, np.zeros_like(model.wraps))
+    return np.concatenate([offsets[:, :6], q - joints], axis=1)

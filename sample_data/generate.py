@@ -20,7 +20,7 @@ from sample_data.scan_folders import write_prior  # noqa: E402
 from sample_data.scenes import Scene, camera_before, write_scene  # noqa: E402
 
 Array = NDArray[np.float64]
-CABINET_SCENES = ("open", "self_occluded", "arm", "blanket", "closed")
+CABINET_SCENES = ("open", "self_occluded", "arm", "blanket", "closed", "from_above")
 ROBOT_SCANS = ("scan_0", "scan_1", "partial")
 
 # Per scene: drawers (metres), where the cabinet stands (x, y, yaw in degrees), camera (degrees off the cabinet's
@@ -31,8 +31,10 @@ _CABINET = {
     "arm": ((0.05, 0.20, 0.12), (0.10, -0.50, 38.0), (-22.0, 1.55, 1.10)),
     "blanket": ((0.14, 0.06, 0.02), (0.70, 0.10, 204.0), (18.0, 1.50, 1.20)),
     "closed": ((0.0, 0.0, 0.0), (-0.20, -0.30, -24.0), (28.0, 1.40, 1.00)),
+    "from_above": ((0.30, 0.0, 0.0), (-0.10, 0.50, 15.0), (6.0, 1.10, 1.75)),
 }
-_SECOND_VIEW = (38.0, 1.6, 0.9)
+# A further scan of the same scene: its folder, and its camera.
+_SECOND_VIEWS = {"self_occluded": ("second_view", (38.0, 1.6, 0.9)), "from_above": ("lowered", (6.0, 1.10, 1.30))}
 
 # Joint positions in the order of the robot's joints, base and camera as above.
 _ROBOT = {
@@ -118,9 +120,10 @@ def _cabinet_scene(folder: Path, name: str, urdf: str) -> None:
     around = (*scene.clutter, *_in_front(name, scene.pose_world_base))
     scene = Scene(urdf, joints, scene.pose_world_base, scene.camera, around)
     write_scene(folder / name, scene, rng)
-    if name == "self_occluded":
-        second = camera_before(scene.pose_world_base, *_SECOND_VIEW, aim=0.36)
-        write_scene(folder / "second_view", Scene(urdf, joints, scene.pose_world_base, second, around), rng)
+    if name in _SECOND_VIEWS:
+        second_name, view = _SECOND_VIEWS[name]
+        second = camera_before(scene.pose_world_base, *view, aim=0.36)
+        write_scene(folder / second_name, Scene(urdf, joints, scene.pose_world_base, second, around), rng)
     write_prior(folder / name / "prior.json", "frame", scene.pose_world_base, rng)
     if name == "open":
         (folder / "prior.json").write_text((folder / name / "prior.json").read_text())

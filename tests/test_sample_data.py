@@ -18,7 +18,7 @@ from sample_data.scenes import KINDS, held_out_scene
 
 SAMPLES = Path(generate.__file__).parent
 SCANS = {
-    **{f"cabinet/{name}": "cabinet/cabinet.urdf" for name in (*generate.CABINET_SCENES, "second_view")},
+    **{f"cabinet/{name}": "cabinet/cabinet.urdf" for name in (*generate.CABINET_SCENES, "second_view", "lowered")},
     **{f"robot/{name}": "robot/robot.urdf" for name in generate.ROBOT_SCANS},
     "door/ajar": "door/door.urdf",
 }
@@ -105,10 +105,11 @@ def test_truth_names_every_link_and_moving_joint_within_its_limits(scan: str) ->
 def test_scenes_hide_what_they_are_meant_to_hide() -> None:
     visible = {
         name: read(SAMPLES / "cabinet" / name / "truth.json")["visible_fraction"]
-        for name in (*generate.CABINET_SCENES, "second_view")
+        for name in (*generate.CABINET_SCENES, "second_view", "lowered")
     }
     assert visible["self_occluded"]["drawer2"] < 0.1 < visible["second_view"]["drawer2"]
     assert visible["blanket"]["drawer1"] < 0.5 < visible["open"]["drawer1"]
+    assert visible["from_above"]["drawer3"] == 0.0 and visible["lowered"]["drawer3"] > 0.1
     assert visible["arm"]["handle2"] < visible["second_view"]["handle2"]
     assert all(read(SAMPLES / "cabinet/closed/truth.json")["joints"][f"slide{k}"] == 0 for k in (1, 2, 3))
 

@@ -23,7 +23,16 @@ from benchmarks.tables import markdown, rate
 from pmpnbp.geometry.poses import Array
 
 SCENES = ("cabinet/open", "cabinet/self_occluded")
-MORE_SCENES = ("cabinet/arm", "cabinet/blanket", "cabinet/closed", "door/ajar", "robot/scan_0", "robot/scan_1")
+MORE_SCENES = (
+    "cabinet/arm",
+    "cabinet/blanket",
+    "cabinet/closed",
+    "cabinet/from_above",
+    "door/ajar",
+    "robot/scan_0",
+    "robot/scan_1",
+    "robot/partial",
+)
 ITERATIONS, PARTICLES = 100, 400
 WHOLE = ("robust", "paper", "filter")
 # Each method by itself: from a rough prior, in so many iterations; metres and degrees per axis.

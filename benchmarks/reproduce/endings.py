@@ -96,8 +96,12 @@ def part_table(found: Mapping[str, Endings]) -> Table:
     return Table("parts", ["case", "seed", "part", "visible_share", "hidden", "add_m", "std_m"], rows)
 
 
-def part_section(found: Mapping[str, Endings]) -> str:
-    """Error, success and spread part by part, over the runs."""
+# What the deviations of a belief's particles are, in a sentence.
+OF_PARTICLES = "it follows the algorithm's own diffusion of particles"
+
+
+def part_section(found: Mapping[str, Endings], spread: str = OF_PARTICLES) -> str:
+    """Error, success and spread part by part, over the runs. spread : of what the deviations are"""
     rows = []
     for name, some in found.items():
         for part, title in enumerate(some.parts):
@@ -110,7 +114,6 @@ def part_section(found: Mapping[str, Endings]) -> str:
     return "\n".join([
         "## Part by part", "",
         "Rates with Wilson's 95 % interval; hidden is a part of which less than a tenth is seen. The standard "
-        "deviation is that of the belief's position along the axis on which it is largest; it follows the algorithm's "
-        "own diffusion of particles.", "",
+        f"deviation is that of the belief's position along the axis on which it is largest; {spread}.", "",
         markdown(header, rows),
     ])  # fmt: skip

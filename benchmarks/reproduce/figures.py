@@ -167,11 +167,9 @@ def _corners(model: ArticulatedObject, part_poses: Array) -> Array:
     return np.concatenate([poses.transform_points(pose, part.mesh.vertices) for pose, part in posed])
 
 
-def draw_ellipsoids(
-    axes: Axes, scan: Scan, part_poses: Array, covariances: Array, share: float, enlarged: float
-) -> None:
+def draw_ellipsoids(axes: Axes, scan: Scan, part_poses: Array, covariances: Array, share: float) -> None:
     """What of each part's position, (N, 7) with covariances (N, 3, 3), square metres, world, holds `share` of its
-    belief, `enlarged` that many times, as the scan's camera sees it."""
+    belief, as the scan's camera sees it."""
     pose_camera_world = poses.inverse(scan.camera.pose_world_camera)
     turn = poses.to_matrix(pose_camera_world)[:3, :3]
     scale = ACROSS / scan.camera.width
@@ -181,9 +179,10 @@ def draw_ellipsoids(
         slope = np.array([[scan.camera.fx / z, 0, -scan.camera.fx * x / z**2],
                           [0, scan.camera.fy / z, -scan.camera.fy * y / z**2]])  # fmt: skip
         variances, main = np.linalg.eigh(slope @ turn @ covariance @ turn.T @ slope.T)
-        wide = 2 * scale * enlarged * radius_scale(share) * np.sqrt(np.maximum(variances, 0.0))
+        wide = 2 * scale * radius_scale(share) * np.sqrt(np.maximum(variances, 0.0))
         at = scan.camera.project(np.array([x, y, z]))[:2] * scale
         angle = np.degrees(np.arctan2(main[1, 0], main[0, 0]))
+        axes.plot(*at, "o", color=np.array(colour) / 255, markersize=2.5)  # an ellipse may be too small to be seen
         axes.add_patch(Ellipse(at, wide[0], wide[1], angle=angle, facecolor=(*(np.array(colour) / 255), 0.7),
                                edgecolor=np.array(colour) / 255, linewidth=0.8))  # fmt: skip
 

@@ -1,17 +1,21 @@
 """`pmpnbp reproduce planning`: can a robot tell from the belief whether to act, or to look again first?
 
-The paper: the bottom drawer is to be opened. A robot acts once the standard deviation of every part's position is
-under 0.25 cm along x, y and z. In one scene that is so at once; in the other a drawer is hidden, the robot takes a look
-from another side, and then it is so. Ellipsoids hold 75 % of the belief.
+The paper: the bottom drawer is to be opened. A robot acts once the standard deviation of its position is under 0.25 cm
+along x, y and z. In one scene that is so at once; in the other the open top drawer hides the bottom one, the robot
+lowers its camera, and then it is so. Ellipsoids hold 75 % of the belief.
+
+The paper takes the deviation of the belief's particles. Beside it stands that of draws from the posterior of the whole
+object, which does not depend on how far particles are diffused.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from app.palette import INK, part_colours
 from benchmarks.reproduce import endings, figures, reports
@@ -19,7 +23,7 @@ from benchmarks.reproduce.endings import Endings
 from benchmarks.reproduce.experiment import Experiment, Options
 from benchmarks.reproduce.ledger import Asked, Ledger, Result
 from benchmarks.reproduce.reports import Claim, Table
-from benchmarks.reproduce.scene_runs import LAST, VARIANTS, asked_of, case_of, perform, scene_scan
+from benchmarks.reproduce.scene_runs import LAST, asked_of, case_of, perform, scene_scan
 from benchmarks.tables import markdown, rate
 from pmpnbp.geometry.poses import Array
 
@@ -34,32 +38,51 @@ class Stage:
     acts: bool
 
 
+@dataclass(frozen=True)
+class Way:
+    """To tell how sure it is. variant : of the inference; posterior : whether by draws given the scan, else by the
+    belief's particles; known : `metres` and `degrees` to which the frame is known beforehand, per axis, if at all"""
+
+    title: str
+    variant: str
+    posterior: bool
+    known: Mapping[str, float]
+
+
 STAGES = {
     "open": Stage("all drawers seen", "cabinet/open", (), True),
-    "hidden": Stage("a drawer hidden", "cabinet/self_occluded", (), False),
-    "second look": Stage("and a second view", "cabinet/self_occluded", ("cabinet/second_view",), True),
+    "hidden": Stage("the bottom drawer hidden", "cabinet/from_above", (), False),
+    "lowered": Stage("and the camera lowered", "cabinet/from_above", ("cabinet/lowered",), True),
+}
+# The part that is to be moved.
+TASK = "drawer3"
+WAYS = {
+    "posterior": Way("robust, draws given the scan", "robust", True, {}),
+    "particles": Way("robust, particles", "robust", False, {}),
+    # The paper's own preset has no search and stays at no pose from further off: it starts at the truth, or nearly so.
+    "paper": Way("as in the paper, particles", "paper", False, {"metres": 0.01, "degrees": 1.0}),
 }
 ITERATIONS, PARTICLES = 100, 400
-# What is known of the frame beforehand, per axis. The paper's own preset has no search and stays at no pose from
-# further off: it starts at the truth, or nearly so.
-KNOWN: Mapping[str, dict[str, float]] = {"robust": {}, "paper": {"metres": 0.01, "degrees": 1.0}}
 # Metres: up to this standard deviation along each axis a link is certain; and the error up to which that is right.
 MAX_STD, RIGHT = 0.0025, 0.01
-# Of the belief in an ellipsoid, and how many times its size it is drawn.
-SHARE, ENLARGED = 0.75, {"robust": 10, "paper": 1}
+# What deviations are, in a sentence.
+OF_BOTH = "of draws given the scan, or of the belief's particles, which follow the algorithm's own diffusion"
+# Of the belief in an ellipsoid.
+SHARE = 0.75
 
 
 def asked(options: Options, _: Ledger | None = None) -> list[Asked]:
-    """All runs."""
-    return [run for variant in KNOWN for stage in STAGES.values() for run in _asked(options, variant, stage)]
+    """All runs. Of the preset robust the same ones are judged both ways."""
+    return [run for way in ("posterior", "paper") for stage in STAGES.values() for run in _asked(options, way, stage)]
 
 
-def _asked(options: Options, variant: str, stage: Stage) -> list[Asked]:
+def _asked(options: Options, way: str, stage: Stage) -> list[Asked]:
+    variant, known = WAYS[way].variant, WAYS[way].known
     return [
         asked_of(
             stage.scene, variant, seed, particles=options.particles or PARTICLES,
-            iterations=options.iterations or ITERATIONS, prior=bool(KNOWN[variant]), **KNOWN[variant],
-            views=list(stage.views), stop_at_rest=True, keep=[LAST] if seed == options.seed else [],
+            iterations=options.iterations or ITERATIONS, prior=bool(known), **known, views=list(stage.views),
+            stop_at_rest=True, posterior=variant == "robust", keep=[LAST] if seed == options.seed else [],
         )
         for seed in options.seeds
     ]  # fmt: skip
@@ -70,15 +93,14 @@ def write(options: Options, ledger: Ledger) -> None:
     found: dict[str, dict[str, Endings]] = {}
     captions: dict[str, str] = {}
     drawing = figures.Drawing()
-    for variant in KNOWN:
-        runs = {name: _asked(options, variant, stage) for name, stage in STAGES.items()}
-        found[variant] = {name: endings.endings(some, ledger) for name, some in runs.items()}
+    for key, way in WAYS.items():
+        runs = {name: _asked(options, key, stage) for name, stage in STAGES.items()}
+        found[key] = {name: judged(way, some, ledger) for name, some in runs.items()}
         first = {name: ledger.results(some[:1])[0] for name, some in runs.items()}
-        draw(options, drawing, variant, found[variant], first)
-        larger = f", drawn {ENLARGED[variant]} times as large" if ENLARGED[variant] != 1 else ""
-        captions[f"{variant}.png"] = (
-            f"{VARIANTS[variant].title}: ellipsoids that hold {100 * SHARE:.0f} % of each part's position{larger} (run "
-            f"of seed {options.seed}); and the standard deviation of each part's position along its widest axis, the "
+        draw(options, drawing, key, found[key], first)
+        captions[f"{key}.png"] = (
+            f"{way.title.capitalize()}: ellipsoids that hold {100 * SHARE:.0f} % of each part's position (run of "
+            f"seed {options.seed}); and the standard deviation of each part's position along its widest axis, the "
             f"median of {options.runs} runs with a dot for each, beside the threshold of {100 * MAX_STD:.2f} cm; less "
             "than the axis shows stands at its left end."
         )
@@ -86,33 +108,43 @@ def write(options: Options, ledger: Ledger) -> None:
     for table in (part_table(found), stage_table(found)):
         reports.write_table(options.out, table)
     claims = [
-        one for variant in KNOWN
-        for one in (*(claim(variant, name, found[variant][name]) for name in STAGES), narrows(variant, found[variant]))
-    ]  # fmt: skip
-    by_stage = {f"{variant}, {name}": some for variant, by in found.items() for name, some in by.items()}
-    sections = [decision_section(found), endings.part_section(by_stage)]
+        one
+        for key in WAYS
+        for one in (*(claim(key, name, found[key][name]) for name in STAGES), narrows(key, found[key]))
+    ]
+    by_stage = {f"{key}, {name}": some for key, by in found.items() for name, some in by.items()}
+    sections = [decision_section(found), endings.part_section(by_stage, OF_BOTH)]
     reports.write_report(options.out, "Planning", options.command, options.named_seeds, claims, sections, captions)
 
 
+def judged(way: Way, runs: list[Asked], ledger: Ledger) -> Endings:
+    """How the runs of a stage ended, with the deviations that this way has of it."""
+    some = endings.endings(runs, ledger)
+    if not way.posterior:
+        return some
+    return replace(some, std=np.array([result["posterior"]["std"] for result in ledger.results(runs)]))
+
+
 def draw(
-    options: Options, drawing: figures.Drawing, variant: str, found: Mapping[str, Endings], first: Mapping[str, Result]
+    options: Options, drawing: figures.Drawing, key: str, found: Mapping[str, Endings], first: Mapping[str, Result]
 ) -> None:
     """A row for each stage: ellipsoids over the scan, and deviations beside the threshold."""
     figure, axes = figures.panels(len(STAGES), 2, 4.6, width_ratios=(1, 0.9))
     every = 1000 * np.concatenate([some.std.ravel() for some in found.values()])
     shown = (max(0.5 * min(every.min(), 1000 * MAX_STD), 0.1), 2 * max(every.max(), 1000 * MAX_STD))
-    for row, (key, stage) in enumerate(STAGES.items()):
+    for row, (name, stage) in enumerate(STAGES.items()):
         scan = scene_scan((stage.scene, *stage.views)[-1])
-        last = first[key]["kept"][LAST]
-        poses, covariances = np.array(last["poses"]), np.array(last["covariances"])
+        last = first[name]["kept"][LAST]
+        spread = first[name]["posterior"] if WAYS[key].posterior else last
+        poses, covariances = np.array(last["poses"]), np.array(spread["covariances"])
         figures.beside(axes[row, 0], drawing.observed(scan), stage.title)
-        figures.draw_ellipsoids(axes[row, 0], scan, poses, covariances, SHARE, ENLARGED[variant])
-        case = case_of(_asked(options, variant, stage)[0])
+        figures.draw_ellipsoids(axes[row, 0], scan, poses, covariances, SHARE)
+        case = case_of(_asked(options, key, stage)[0])
         figures.closer([axes[row, 0]], scan, case.model, case.true_poses)
-        draw_deviations(axes[row, 1], found[key], shown)
+        draw_deviations(axes[row, 1], found[name], shown)
     axes[-1, 1].set_xlabel("std (mm)")
     figures.name_lines(figure, axes[0, 1], columns=3)
-    figures.save(figure, options.out / f"{variant}.png")
+    figures.save(figure, options.out / f"{key}.png")
 
 
 def draw_deviations(axes: Axes, some: Endings, shown: tuple[float, float]) -> None:
@@ -146,9 +178,7 @@ def draw_deviations(axes: Axes, some: Endings, shown: tuple[float, float]) -> No
 
 def part_table(found: Mapping[str, Mapping[str, Endings]]) -> Table:
     """Deviation and error of every part in every run."""
-    whole = endings.part_table(
-        {f"{variant}/{name}": some for variant, by in found.items() for name, some in by.items()}
-    )
+    whole = endings.part_table({f"{key}/{name}": some for key, by in found.items() for name, some in by.items()})
     rows = [
         [*str(row[0]).split("/"), *row[1:], "yes" if float(str(row[-1])) <= MAX_STD else "no"] for row in whole.rows
     ]
@@ -158,40 +188,48 @@ def part_table(found: Mapping[str, Mapping[str, Endings]]) -> Table:
 def stage_table(found: Mapping[str, Mapping[str, Endings]]) -> Table:
     """What was decided in every run."""
     rows = [
-        [variant, name, seed, f"{some.std[run].max():.6f}", "act" if some.certain(MAX_STD)[run].all() else "look again",
-         int(some.certain(MAX_STD)[run].sum()), f"{some.add[run].max():.6f}", f"{some.seconds[run]:.4f}"]
-        for variant, by in found.items() for name, some in by.items() for run, seed in enumerate(some.seeds)
+        [key, name, seed, f"{std_of_task(some)[run]:.6f}", "act" if acts(some)[run] else "look again",
+         f"{some.add[run, some.parts.index(TASK)]:.6f}", int(some.certain(MAX_STD)[run].sum()),
+         f"{some.seconds[run]:.4f}"]
+        for key, by in found.items() for name, some in by.items() for run, seed in enumerate(some.seeds)
     ]  # fmt: skip
-    header = ["method", "stage", "seed", "largest_std_m", "decision", "certain_parts", "worst_part_m", "seconds"]
+    header = ["method", "stage", "seed", "task_std_m", "decision", "task_add_m", "certain_parts", "seconds"]
     return Table("decisions", header, rows)
+
+
+def std_of_task(some: Endings) -> Array:
+    """(R,) metres, of the part that is to be moved."""
+    return some.std[:, some.parts.index(TASK)]
+
+
+def acts(some: Endings) -> NDArray[np.bool_]:
+    """(R,): whether the robot would."""
+    return some.certain(MAX_STD)[:, some.parts.index(TASK)]
 
 
 def decision_section(found: Mapping[str, Mapping[str, Endings]]) -> str:
     """How often the robot would act, and whether it should."""
     rows = []
-    for variant, by in found.items():
+    for key, by in found.items():
         for name, some in by.items():
-            act = some.certain(MAX_STD).all(axis=1)
-            errors = some.add[some.certain(MAX_STD)]
+            std, off = std_of_task(some), some.add[:, some.parts.index(TASK)]
             rows.append([
-                VARIANTS[variant].title, STAGES[name].title, "act" if STAGES[name].acts else "look again",
-                rate(int(act.sum()), len(act)), f"{1000 * np.median(some.std.max(axis=1)):.1f}", errors_of(errors),
+                WAYS[key].title, STAGES[name].title, "act" if STAGES[name].acts else "look again",
+                rate(int(acts(some).sum()), len(std)), f"{1000 * np.median(std):.1f}", f"{1000 * np.median(off):.1f}",
+                errors_of(some.add[some.certain(MAX_STD)]),
             ])  # fmt: skip
     header = [
-        "method",
-        "stage",
-        "the paper's robot",
-        "acts",
-        "median largest std (mm)",
-        "ADD of parts that are certain",
-    ]
+        "way to tell", "stage", "the paper's robot", "acts", f"median std of {TASK} (mm)", "its median ADD (mm)",
+        "ADD of all parts that are certain",
+    ]  # fmt: skip
     return "\n".join([
         "## Decisions", "",
-        f"It acts where the standard deviation of every link's position is at most {100 * MAX_STD:.2f} cm along each "
-        "axis. The deviation is that of the particles, which follows the algorithm's own diffusion, and is no error "
-        "bar.", "",
+        f"{TASK} is to be opened. The robot acts where the standard deviation of its position is at most "
+        f"{100 * MAX_STD:.2f} cm along each axis. That of the belief's particles follows the algorithm's own "
+        "diffusion; that of draws given the scan is of the posterior of the whole object, sampled by Markov chains "
+        "(docs/algorithm.md, \"How sure one can be\").", "",
         markdown(header, rows), "",
-        *(parting(variant, by) for variant, by in found.items()),
+        *(parting(key, by) for key, by in found.items()),
     ])  # fmt: skip
 
 
@@ -203,46 +241,44 @@ def errors_of(errors: Array) -> str:
     return f"{100 * np.median(errors):.2f} cm in the median, {100 * errors.max():.2f} cm at most; {right} under 1 cm"
 
 
-def claim(variant: str, name: str, some: Endings) -> Claim:
+def claim(key: str, name: str, some: Endings) -> Claim:
     """Whether the belief leads to the paper's decision."""
-    stage, act = STAGES[name], some.certain(MAX_STD).all(axis=1)
+    stage, act = STAGES[name], acts(some)
     held = int(np.sum(act == stage.acts))
+    off = some.add[:, some.parts.index(TASK)]
     said = {True: "certain enough to act", False: "not certain enough to act"}[stage.acts]
-    widest = int(np.median(some.std, axis=0).argmax())
     because = (
-        f"{int(act.sum())} of {len(act)} runs would act; widest is {some.parts[widest]} with "
-        f"{1000 * np.median(some.std[:, widest]):.1f} mm in the median; parts that are certain: "
+        f"{int(act.sum())} of {len(act)} runs would act; {TASK} has {1000 * np.median(std_of_task(some)):.1f} mm in "
+        f"the median and is {1000 * np.median(off):.1f} mm off; parts that are certain: "
         f"{errors_of(some.add[some.certain(MAX_STD)])}"
     )
-    text = f"The belief is {said}: {stage.title} ({VARIANTS[variant].title})"
+    text = f"The belief is {said}: {stage.title} ({WAYS[key].title})"
     return Claim(text, reports.verdict_of_runs(held, len(act)), because)
 
 
-def narrows(variant: str, found: Mapping[str, Endings]) -> Claim:
-    """Whether a second view takes from the spread of the part that was seen least."""
-    before, after = found["hidden"], found["second look"]
-    part = int(before.shares.argmin())
-    held = int(np.sum(after.std[:, part] < before.std[:, part]))
+def narrows(key: str, found: Mapping[str, Endings]) -> Claim:
+    """Whether another view takes from the spread of the part that was hidden."""
+    before, after = (1000 * std_of_task(found[name]) for name in ("hidden", "lowered"))
+    held = int(np.sum(after < before))
     because = (
-        f"{before.parts[part]}, {1000 * np.median(before.std[:, part]):.1f} mm with one view and "
-        f"{1000 * np.median(after.std[:, part]):.1f} mm with two in the median, narrower in {held} of "
-        f"{len(before.std)} runs"
+        f"{TASK}, {np.median(before):.1f} mm with one view and {np.median(after):.1f} mm with two in the median, "
+        f"narrower in {held} of {len(before)} runs"
     )
-    text = f"A second view narrows the belief of the hidden part ({VARIANTS[variant].title})"
-    return Claim(text, reports.verdict_of_runs(held, len(before.std)), because)
+    text = f"Another view narrows the belief of the hidden part ({WAYS[key].title})"
+    return Claim(text, reports.verdict_of_runs(held, len(before)), because)
 
 
-def parting(variant: str, found: Mapping[str, Endings]) -> str:
+def parting(key: str, found: Mapping[str, Endings]) -> str:
     """Whether any threshold would have led to the paper's decisions in all runs."""
-    widest = {name: 1000 * some.std.max(axis=1) for name, some in found.items()}
-    acts = max(float(widest[name].max()) for name, stage in STAGES.items() if stage.acts)
-    waits = min(float(widest[name].min()) for name, stage in STAGES.items() if not stage.acts)
+    std = {name: 1000 * std_of_task(some) for name, some in found.items()}
+    most = max(float(std[name].max()) for name, stage in STAGES.items() if stage.acts)
+    least = min(float(std[name].min()) for name, stage in STAGES.items() if not stage.acts)
     said = (
-        f"the widest part has at most {acts:.1f} mm where the paper's robot acts, and at least {waits:.1f} mm where it "
-        "looks again"
+        f"{TASK} has at most {most:.1f} mm where the paper's robot acts, and at least {least:.1f} mm where it looks "
+        "again"
     )
-    told = f"any threshold in between parts them: {said}" if acts < waits else f"no threshold parts all runs: {said}"
-    return f"- {VARIANTS[variant].title}: {told}."
+    told = f"any threshold in between parts them: {said}" if most < least else f"no threshold parts all runs: {said}"
+    return f"- {WAYS[key].title}: {told}."
 
 
 EXPERIMENT = Experiment(perform, (asked,), write)

@@ -14,7 +14,9 @@ from benchmarks.reproduce.ledger import Asked, Result
 from benchmarks.trials import PROJECT, Case, load_case, load_region, rough_prior, timed, warm_kernels
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
-from pmpnbp.readout.estimate import Placement, place
+from pmpnbp.readout.estimate import Placement, agreeing, place
+from pmpnbp.readout.object_posterior import link_covariances
+from pmpnbp.readout.posterior import std_xyz
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
@@ -66,8 +68,9 @@ def asked_of(
         prior's draw
     prior : whether the root is known to `metres` and `degrees` per axis, else nothing but the region of interest is
     more : `metres`, `degrees`; `budget`, seconds up to which it goes on beyond its iterations; `stop_at_rest`, whether
-        it ends once converged; `keep`, iterations whose particles come with the result, or LAST; `views`, further scans
-        of the same scene; `urdf`, the object's file where it is not beside the scan's folder; `digest` of both files
+        it ends once converged; `posterior`, whether what the scan leaves open in the end is sampled; `keep`, iterations
+        whose particles come with the result, or LAST; `views`, further scans of the same scene; `urdf`, the object's
+        file where it is not beside the scan's folder; `digest` of both files
     """
     shared = {"scene": scene, "variant": variant, "seed": seed, "particles": particles, "iterations": iterations}
     return shared | {"prior": prior} | more
@@ -82,6 +85,7 @@ def perform(asked: Asked) -> Result:
     at_rest : the iteration in which it converged, or None
     kept : by iteration, `particles`, (N, T, 3) positions, `poses`, (N, 7), of the estimate, and `covariances`,
         (N, 3, 3) square metres, of the positions of the parts about it
+    posterior : where asked for, `std`, (N,) metres, and `covariances` likewise, of draws given the scan
     """
     variant = VARIANTS[asked["variant"]]
     case = case_of(asked)
@@ -94,7 +98,7 @@ def perform(asked: Asked) -> Result:
         seed=asked["seed"], particles=asked["particles"], method=variant.method,
     ):  # fmt: skip
         report, placed = made.report, place(made.problem, made.report)
-        rows.append((made.seconds, case.errors(report.mle), _std(case, placed)))
+        rows.append((made.seconds, case.errors(report.mle), _std(case, placed.std_xyz)))
         if report.iteration in keep:
             kept[str(report.iteration)] = _drawn(case, report, placed)
         if asked.get("stop_at_rest", False) and made.at_rest is not None:
@@ -104,7 +108,15 @@ def perform(asked: Asked) -> Result:
     if LAST in keep:
         kept[LAST] = _drawn(case, report, placed)
     seconds, add, std = zip(*rows, strict=True)
-    return {
+    more = {}
+    if asked.get("posterior", False):
+        rng = np.random.default_rng([asked["seed"], report.iteration])
+        drawn = link_covariances(rng, made.problem, *agreeing(made.problem, report))
+        more["posterior"] = {
+            "std": np.round(_std(case, std_xyz(drawn)), 6).tolist(),
+            "covariances": _positions(case, drawn).tolist(),
+        }
+    return more | {
         "parts": [part.name for part in case.model.parts],
         "judged": case.judged.tolist(),
         "shares": np.round(case.shares, 4).tolist(),
@@ -169,10 +181,16 @@ def _prior(case: Case, asked: Asked) -> UniformPrior | GaussianPrior:
     return rough_prior(rng, case, case.model.parts[0].links[0], asked["metres"], asked["degrees"])
 
 
-def _std(case: Case, placed: Placement) -> Array:
-    """(N,) of each part, by that of its links which is spread most."""
-    links, largest = case.model.links, placed.std_xyz.max(axis=1)
+def _std(case: Case, std_xyz: Array) -> Array:
+    """(N,) of each part, by that of its links which is spread most. std_xyz : (L, 3)"""
+    links, largest = case.model.links, std_xyz.max(axis=1)
     return np.array([max(largest[links.index(link)] for link in part.links) for part in case.model.parts])
+
+
+def _positions(case: Case, covariances: Array) -> Array:
+    """(N, 3, 3) of the position of each part, by its first link. covariances : (L, 6, 6)"""
+    first = [case.model.links.index(part.links[0]) for part in case.model.parts]
+    return np.round(covariances[first, :3, :3], 12)
 
 
 def _drawn(case: Case, report: IterationReport, placed: Placement) -> dict[str, Any]:
@@ -181,9 +199,8 @@ def _drawn(case: Case, report: IterationReport, placed: Placement) -> dict[str, 
     belief = report.belief
     weights = np.exp(belief.log_weights)
     rows = [rng.choice(len(one), DRAWN, p=one / one.sum()) for one in weights]
-    first = [case.model.links.index(part.links[0]) for part in case.model.parts]
     return {
         "particles": np.round([belief.poses[node, taken, :3] for node, taken in enumerate(rows)], 4).tolist(),
         "poses": np.round(report.mle, 6).tolist(),
-        "covariances": np.round(placed.covariances[first, :3, :3], 12).tolist(),
+        "covariances": _positions(case, placed.covariances).tolist(),
     }

@@ -18,6 +18,8 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature
 from pmpnbp.potentials.unary import object_scores
 from pmpnbp.readout.ensemble_sampling import Grid, sample, without_stragglers
+from pmpnbp.readout.posterior import covariance
+from pmpnbp.scene.prior import GaussianPrior
 
 # Of a pixel's score, as a log likelihood. The sensor's noise alone would have it near 3 (tau 12 mm, sigma 5 mm); pixels
 # share their errors with their neighbours (steps of depth, the mesh), so each counts for a fraction of that. Set on
@@ -64,6 +66,16 @@ def draw(rng: np.random.Generator, problem: Problem, root: Array, joints: Array)
     return roots, within_limits(q, model.lower, model.upper, model.wraps)
 
 
+def link_covariances(rng: np.random.Generator, problem: Problem, root: Array, joints: Array) -> Array:
+    """(L, 6, 6) of every link about the estimate (7,), (D,), in the order of `posterior.covariance`, by draws."""
+    model = problem.mrf.model
+    roots, q = draw(rng, problem, root, joints)
+    drawn = model.link_poses(model.part_poses(roots, q), q)
+    estimate = model.link_poses(model.part_poses(root, joints), joints)
+    even = np.ones(len(roots))
+    return np.array([covariance(estimate[link], drawn[:, link], even) for link in range(len(estimate))])
+
+
 def _log_posterior(problem: Problem, roots: Array, joints: Array, tolerance: float) -> Array:
     """(C,) up to a constant, of root poses (C, 7) and joint vectors (C, D)."""
     part_poses = problem.mrf.model.part_poses(roots, joints)
@@ -95,11 +107,14 @@ def _grid(problem: Problem, root: Array, joints: Array, coordinate: int, toleran
 def _start(
     rng: np.random.Generator, problem: Problem, root: Array, joints: Array, tolerance: float, grids: tuple[Grid, ...]
 ) -> Array:
-    """(W, 6 + D) offsets: about the estimate as the curvature of the score has it, joints drawn from their grids where
-    these leave more open than that."""
+    """(W, 6 + D) offsets: about the estimate as the curvature of the score, and roughly the prior, have it; of half of
+    the walkers joints are drawn from their grids."""
     model = problem.mrf.model
-    information = 2 * CONFIDENCE * curvature(problem, root, joints, tolerance)
-    spread = np.linalg.cholesky(np.linalg.inv(information + np.eye(len(information)) / LOOSE**2))
+    information = 2 * CONFIDENCE * curvature(problem, root, joints, tolerance) + np.eye(6 + model.dof) / LOOSE**2
+    if isinstance(problem.prior, GaussianPrior):
+        known = np.concatenate([problem.prior.std_xyz, problem.prior.std_rpy])
+        information[range(6), range(6)] += 1 / known**2
+    spread = np.linalg.cholesky(np.linalg.inv(information))
     offsets = rng.standard_normal((WALKERS, len(spread))) @ spread.T
     for grid in grids:
         some = rng.random(WALKERS) < 0.5

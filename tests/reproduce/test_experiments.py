@@ -55,14 +55,14 @@ EXPERIMENTS = {
     "planning": (
         [],
         {
-            "parts": (["method", "stage", *PART_COLUMNS, "certain"], 2 * 3 * RUNS * CABINET_PARTS),
+            "parts": (["method", "stage", *PART_COLUMNS, "certain"], 3 * 3 * RUNS * CABINET_PARTS),
             "decisions": (
-                ["method", "stage", "seed", "largest_std_m", "decision", "certain_parts", "worst_part_m", "seconds"],
-                2 * 3 * RUNS,
+                ["method", "stage", "seed", "task_std_m", "decision", "task_add_m", "certain_parts", "seconds"],
+                3 * 3 * RUNS,
             ),
         },
-        ["robust", "paper"],
-        8,
+        ["posterior", "particles", "paper"],
+        12,
     ),
     "robot": (
         [],

@@ -1,7 +1,7 @@
 """How sure is a belief? Covariances, separate hypotheses and joint spreads of weighted particles.
 
-All of these describe the particles as they are. The particles' spread follows the diffusion of the algorithm and is not
-yet an honest error bar.
+All of these describe the particles as they are. The particles' spread follows the diffusion of the algorithm and is no
+error bar; `object_posterior` has one.
 """
 
 from __future__ import annotations

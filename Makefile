@@ -31,7 +31,7 @@ lint: $(STAMP)
 	$(BIN)/python -m ruff format --check .
 	$(BIN)/python -m ruff check .
 
-## types: the type checker over pmpnbp and app
+## types: the type checker over pmpnbp, app and the experiments
 types: $(STAMP)
 	$(BIN)/python -m mypy
 

@@ -66,7 +66,7 @@ def _shape(geometry: yourdfpy.urdf.Geometry, folder: Path | None) -> trimesh.Tri
         return trimesh.creation.icosphere(subdivisions=3, radius=geometry.sphere.radius)
     if folder is None:
         raise ValueError(f"mesh {geometry.mesh.filename} needs the folder that its URDF lies in")
-    shape = trimesh.load(folder / geometry.mesh.filename, force="mesh")
+    shape = trimesh.load_mesh(folder / geometry.mesh.filename)
     if geometry.mesh.scale is not None:
         shape.apply_transform(np.diag([*np.broadcast_to(geometry.mesh.scale, 3), 1.0]))
     return shape
@@ -83,7 +83,9 @@ def link_meshes(model: yourdfpy.URDF, folder: Path | None = None) -> dict[str, t
                 shape.apply_transform(visual.origin)
             shapes.append(shape)
         if shapes:
-            meshes[name] = trimesh.util.concatenate(shapes)
+            whole = trimesh.util.concatenate(shapes)
+            assert isinstance(whole, trimesh.Trimesh)
+            meshes[name] = whole
     return meshes
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -79,7 +80,7 @@ def alone(options: Options, _: Ledger) -> list[Asked]:
 
 
 def _asked(options: Options, scene: str, variant: str, seed: int, budget: float = 0.0) -> Asked:
-    known = {"prior": True, "metres": 0.10, "degrees": 10.0} if scene.startswith("robot/") else {}
+    known: dict[str, Any] = {"prior": True, "metres": 0.10, "degrees": 10.0} if scene.startswith("robot/") else {}
     keep = [0, iterations(options)] if seed == options.seed else []
     return asked_of(
         scene, variant, seed, particles=options.particles or PARTICLES, iterations=iterations(options), keep=keep,
@@ -169,9 +170,9 @@ def draw_errors(options: Options, scene: str, runs: Mapping[str, Runs], name: st
     times = time_grid(runs["robust"].results)
     for variant, some in runs.items():
         title = VARIANTS[variant].title
-        figures.band(axes[0, 0], np.arange(some.add.shape[1]), *(100 * mean_interval(some.add)), variant, title)
+        figures.band(axes[0, 0], np.arange(1.0 * some.add.shape[1]), 100 * mean_interval(some.add), variant, title)
         shown = times >= np.median(some.seconds[:, 0])
-        figures.band(axes[1, 0], times[shown], *(100 * mean_interval(some.at_time)[:, shown]), variant)
+        figures.band(axes[1, 0], times[shown], 100 * mean_interval(some.at_time)[:, shown], variant)
     axes[0, 0].set(xlabel="iteration", ylabel="mean ADD (cm)", title=scene)
     axes[1, 0].set(xlabel="computing time (s)", ylabel="mean ADD (cm)")
     for one in axes[:, 0]:

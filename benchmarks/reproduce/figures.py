@@ -9,6 +9,7 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from app.palette import part_colours
@@ -27,6 +28,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
@@ -65,8 +67,9 @@ def save(figure: Figure, path: Path) -> None:
     plt.close(figure)
 
 
-def band(axes: Axes, x: Array, mean: Array, low: Array, high: Array, name: str, label: str | None = None) -> None:
-    """A line with its interval."""
+def band(axes: Axes, x: Array, interval: Array, name: str, label: str | None = None) -> None:
+    """A line with its interval. interval : (3, X), mean, low and high"""
+    mean, low, high = interval
     colour, stroke = STROKES[name]
     axes.plot(x, mean, stroke, color=colour, label=label)
     if np.isfinite(low).all():
@@ -86,7 +89,7 @@ def plain(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def beside(axes: Axes, picture: Array, title: str) -> None:
+def beside(axes: Axes, picture: NDArray[np.floating[Any]], title: str) -> None:
     """A picture without axes."""
     axes.imshow(picture)
     axes.set(title=title, xticks=[], yticks=[])
@@ -182,9 +185,11 @@ def draw_ellipsoids(axes: Axes, scan: Scan, part_poses: Array, covariances: Arra
         wide = 2 * scale * radius_scale(share) * np.sqrt(np.maximum(variances, 0.0))
         at = scan.camera.project(np.array([x, y, z]))[:2] * scale
         angle = np.degrees(np.arctan2(main[1, 0], main[0, 0]))
-        axes.plot(*at, "o", color=np.array(colour) / 255, markersize=2.5)  # an ellipse may be too small to be seen
-        axes.add_patch(Ellipse(at, wide[0], wide[1], angle=angle, facecolor=(*(np.array(colour) / 255), 0.7),
-                               edgecolor=np.array(colour) / 255, linewidth=0.8))  # fmt: skip
+        paint = np.array(colour) / 255
+        axes.plot(*at, "o", color=paint, markersize=2.5)  # an ellipse may be too small to be seen
+        axes.add_patch(
+            Ellipse((at[0], at[1]), *wide, angle=angle, facecolor=(*paint, 0.7), edgecolor=paint, linewidth=0.8)
+        )
 
 
 def name_lines(figure: Figure, axes: Axes, columns: int = 2) -> None:
@@ -195,7 +200,7 @@ def name_lines(figure: Figure, axes: Axes, columns: int = 2) -> None:
 def name_parts(figure: Figure, names: Sequence[str], columns: int = 4) -> None:
     """A legend of the parts' colours below a figure."""
     dots = [
-        plt.Line2D([], [], marker="o", linestyle="", markersize=4, color=np.array(colour) / 255)
-        for colour in part_colours(len(names))
+        Line2D([], [], marker="o", linestyle="", markersize=4, color=(red / 255, green / 255, blue / 255))
+        for red, green, blue in part_colours(len(names))
     ]
     figure.legend(dots, list(names), loc="outside lower center", ncols=columns, handletextpad=0.2, columnspacing=1.0)

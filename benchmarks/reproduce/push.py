@@ -189,7 +189,7 @@ def draw_components(options: Options, found: Found, name: str) -> None:
         colour, stroke = figures.STROKES[method]
         sizes = np.array(list(by_components))
         ends = np.array([mean_interval(runs.final) for runs in by_components.values()]).T
-        figures.band(axes[0, 0], sizes, *ends, method, TITLES[method])
+        figures.band(axes[0, 0], sizes, ends, method, TITLES[method])
         axes[1, 0].plot(sizes, [1000 * runs.iteration_seconds for runs in by_components.values()], stroke,
                         color=colour, marker="o", markersize=3)  # fmt: skip
     axes[0, 0].set(xlabel="components M", ylabel="mean error (pixels)", xscale="log", ylim=(0, None))

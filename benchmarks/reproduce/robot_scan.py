@@ -37,7 +37,8 @@ def write(folder: Path, urdf: Path) -> None:
     """
     model = load_model(urdf)
     rng = np.random.default_rng([14, 0])
-    pose = surroundings.standing_at(*rng.uniform(-0.5, 0.5, 2), rng.uniform(-np.pi, np.pi))
+    x, y = rng.uniform(-0.5, 0.5, 2)
+    pose = surroundings.standing_at(x, y, rng.uniform(-np.pi, np.pi))
     root, joints = _standing(model, pose, rng)
     part_poses = model.part_poses(root, joints)
     surfaces = _surfaces(model, part_poses)

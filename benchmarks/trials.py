@@ -210,10 +210,11 @@ def timed(
 
 
 def shortened(settings: Settings, *, search: int, anneal: int, refine: int) -> Settings:
-    """`settings` with a shorter schedule: of each stage at most so many iterations, however many joints there are."""
+    """`settings` with a shorter schedule: of each stage at most so many iterations, however many joints there are, and
+    one search only."""
     most = {"search_iterations": search, "anneal_iterations": anneal, "refine_iterations": refine}
     counts = {name: min(count, getattr(settings, name)) for name, count in most.items()}
-    return changed(settings, counts | {"search_iterations_per_joint": 0})
+    return changed(settings, counts | {"search_iterations_per_joint": 0, "search_restarts": 0})
 
 
 def warm_kernels(case: Case, settings: Settings, method: str = "pmpnbp") -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +70,13 @@ def endings(asked: Sequence[Asked], ledger: Ledger) -> Endings:
         np.array(first["judged"]), at_end("add"), at_end("std"), at_end("seconds"),
         tuple(result["at_rest"] for result in results),
     )  # fmt: skip
+
+
+def given_the_scan(asked: Sequence[Asked], ledger: Ledger) -> Endings:
+    """The same of runs that were asked for it, with the deviations of draws from the posterior in place of those of the
+    belief's particles."""
+    drawn = [result["posterior"]["std"] for result in ledger.results(asked)]
+    return replace(endings(asked, ledger), std=np.array(drawn))
 
 
 def length(found: Mapping[str, Endings]) -> str:

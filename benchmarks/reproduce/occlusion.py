@@ -7,6 +7,7 @@ estimated accurately each time, with a belief of possible poses.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from benchmarks.reproduce.experiment import Experiment, Options
 from benchmarks.reproduce.ledger import Asked, Ledger, Result
 from benchmarks.reproduce.reports import Claim
 from benchmarks.reproduce.scene_runs import LAST, asked_of, case_of, perform, scene_scan
-from benchmarks.tables import rate
+from benchmarks.tables import markdown, rate
 
 SCENES = {
     "cabinet/self_occluded": "drawer 1 hides those below",
@@ -37,7 +38,7 @@ def _asked(options: Options, scene: str) -> list[Asked]:
     return [
         asked_of(
             scene, "robust", seed, particles=options.particles or PARTICLES,
-            iterations=options.iterations or ITERATIONS, stop_at_rest=True,
+            iterations=options.iterations or ITERATIONS, stop_at_rest=True, posterior=True,
             keep=[LAST] if seed == options.seed else [],
         )
         for seed in options.seeds
@@ -47,11 +48,12 @@ def _asked(options: Options, scene: str) -> list[Asked]:
 def write(options: Options, ledger: Ledger) -> None:
     """Figures, table and the report."""
     found: dict[str, Endings] = {}
+    drawn: dict[str, Endings] = {}
     captions: dict[str, str] = {}
     drawing = figures.Drawing()
     for scene, title in SCENES.items():
         runs = _asked(options, scene)
-        found[scene] = endings.endings(runs, ledger)
+        found[scene], drawn[scene] = endings.endings(runs, ledger), endings.given_the_scan(runs, ledger)
         name = f"{scene.replace('/', '_')}.png"
         draw(options, drawing, runs[0], ledger.results(runs[:1])[0], name)
         captions[name] = (
@@ -59,15 +61,19 @@ def write(options: Options, ledger: Ledger) -> None:
             "estimate, its most likely pose, as the camera sees it and from beside."
         )
     drawing.close()
-    reports.write_table(options.out, endings.part_table(found))
-    claims = [*(accurate(scene, some) for scene, some in found.items()), spread_where_hidden(found)]
+    for table in (endings.part_table(found), replace(endings.part_table(drawn), name="posterior")):
+        reports.write_table(options.out, table)
+    claims = [
+        *(accurate(scene, some) for scene, some in found.items()),
+        spread_where_hidden(found, "its particles"), spread_where_hidden(drawn, "draws given the scan"),
+    ]  # fmt: skip
     reports.write_report(
         options.out,
         "Occlusion",
         options.command,
         options.named_seeds,
         claims,
-        [endings.part_section(found), endings.length(found)],
+        [endings.part_section(found), open_section(found, drawn), endings.length(found)],
         captions,
     )
 
@@ -101,7 +107,23 @@ def accurate(scene: str, some: Endings) -> Claim:
     return Claim(text, reports.verdict_of_runs(held, runs), said)
 
 
-def spread_where_hidden(found: Mapping[str, Endings]) -> Claim:
+def open_section(found: Mapping[str, Endings], drawn: Mapping[str, Endings]) -> str:
+    """How wide the belief is beside what the scan leaves open."""
+    rows = [
+        [scene, title, f"{100 * some.shares[part]:.0f} %", f"{1000 * np.median(some.std[:, part]):.1f}",
+         f"{1000 * np.median(drawn[scene].std[:, part]):.1f}"]
+        for scene, some in found.items() for part, title in enumerate(some.parts)
+    ]  # fmt: skip
+    told = (
+        "The largest standard deviation of each part's position, median of the runs, in millimetres: of the belief's "
+        'particles, and of draws from the posterior of the whole object given the scan (docs/algorithm.md, "How sure '
+        'one can be").'
+    )
+    header = ["scene", "part", "seen", "particles", "draws given the scan"]
+    return "\n".join(["## What the scan leaves open", "", told, "", markdown(header, rows)])
+
+
+def spread_where_hidden(found: Mapping[str, Endings], by: str) -> Claim:
     """Whether the part that is seen least has a wider belief than the one that is seen best."""
     held, said = [], []
     for scene, some in found.items():
@@ -113,7 +135,7 @@ def spread_where_hidden(found: Mapping[str, Endings]) -> Claim:
             for part in (least, best)
         )
         said.append(f"{scene}: {' against '.join(described)}, wider in {wider} of {len(some.std)} runs")
-    text = "The belief of the part that is seen least is spread wider than that of the part that is seen best"
+    text = f"The belief of the part that is seen least is spread wider than that of the part that is seen best ({by})"
     return Claim(text, reports.verdict(held), "; ".join(said))
 
 

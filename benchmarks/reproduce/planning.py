@@ -11,7 +11,7 @@ object, which does not depend on how far particles are diffused.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -95,7 +95,8 @@ def write(options: Options, ledger: Ledger) -> None:
     drawing = figures.Drawing()
     for key, way in WAYS.items():
         runs = {name: _asked(options, key, stage) for name, stage in STAGES.items()}
-        found[key] = {name: judged(way, some, ledger) for name, some in runs.items()}
+        ended = endings.given_the_scan if way.posterior else endings.endings
+        found[key] = {name: ended(some, ledger) for name, some in runs.items()}
         first = {name: ledger.results(some[:1])[0] for name, some in runs.items()}
         draw(options, drawing, key, found[key], first)
         captions[f"{key}.png"] = (
@@ -115,14 +116,6 @@ def write(options: Options, ledger: Ledger) -> None:
     by_stage = {f"{key}, {name}": some for key, by in found.items() for name, some in by.items()}
     sections = [decision_section(found), endings.part_section(by_stage, OF_BOTH)]
     reports.write_report(options.out, "Planning", options.command, options.named_seeds, claims, sections, captions)
-
-
-def judged(way: Way, runs: list[Asked], ledger: Ledger) -> Endings:
-    """How the runs of a stage ended, with the deviations that this way has of it."""
-    some = endings.endings(runs, ledger)
-    if not way.posterior:
-        return some
-    return replace(some, std=np.array([result["posterior"]["std"] for result in ledger.results(runs)]))
 
 
 def draw(

@@ -48,9 +48,9 @@ EXPERIMENTS = {
     ),
     "occlusion": (
         [],
-        {"parts": (["case", *PART_COLUMNS], 3 * RUNS * CABINET_PARTS)},
+        {name: (["case", *PART_COLUMNS], 3 * RUNS * CABINET_PARTS) for name in ("parts", "posterior")},
         [f"cabinet_{scene}" for scene in ("self_occluded", "arm", "blanket")],
-        4,
+        5,
     ),
     "planning": (
         [],

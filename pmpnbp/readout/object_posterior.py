@@ -4,10 +4,12 @@ The belief's own spread follows its diffusion and is no uncertainty (docs/algori
 is rendered at every draw and scored as the estimate is, and the score counts as the log likelihood, times CONFIDENCE:
 a pixel's score 1 - (d/tau)^2 is a Gaussian's logarithm in the difference of depths d. Draws stay in the hypothesis that
 the estimate is of, but for joints, which are redrawn over their whole range: a quarter turn of a closed cabinet is not
-among them.
+among them. Joints that close a loop are left out.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -79,7 +81,9 @@ def link_covariances(rng: np.random.Generator, problem: Problem, root: Array, jo
 def _log_posterior(problem: Problem, roots: Array, joints: Array, tolerance: float) -> Array:
     """(C,) up to a constant, of root poses (C, 7) and joint vectors (C, D)."""
     part_poses = problem.mrf.model.part_poses(roots, joints)
-    score, _ = object_scores(problem.observation, problem.surfaces, part_poses, problem.score(tolerance))
+    # also where the inference scores by eq. 10, whose sum of distances is no logarithm of a likelihood
+    scoring = replace(problem.score(tolerance), form="robust")
+    score, _ = object_scores(problem.observation, problem.surfaces, part_poses, scoring)
     found = CONFIDENCE * score
     if problem.prior_node >= 0:
         found = found + problem.log_prior(part_poses[:, problem.prior_node])

@@ -14,7 +14,7 @@ from app.sessions.sample import SAMPLES, sample_data
 
 router = APIRouter(prefix="/api/v1", tags=["sessions"])
 
-Scene = Literal["open", "self_occluded", "arm", "blanket", "closed", "door", "robot"]
+Scene = Literal["open", "self_occluded", "arm", "blanket", "closed", "from_above", "door", "robot", "robot_partial"]
 _LOCATION = {"Location": {"description": "path of the session", "schema": {"type": "string"}}}
 
 

@@ -35,7 +35,7 @@ SAMPLES = (
     Sample("open", "cabinet", "open", "Sample: a cabinet with an open drawer", "Every drawer is seen well."),
     Sample(
         "self_occluded", "cabinet", "self_occluded", "Sample: a cabinet that hides a drawer",
-        "The top drawer hides the second one, whose position stays uncertain.",
+        "The top drawer hides all but a corner of the second one.",
     ),
     Sample(
         "arm", "cabinet", "arm", "Sample: a cabinet behind a robot arm",
@@ -47,10 +47,18 @@ SAMPLES = (
     Sample(
         "closed", "cabinet", "closed", "Sample: a closed cabinet", "The drawers lie flush: only edges tell them apart.",
     ),
+    Sample(
+        "from_above", "cabinet", "from_above", "Sample: a cabinet seen from above",
+        "The top drawer hides the others: nobody can tell how far they are open.",
+    ),
     Sample("door", "door", "ajar", "Sample: a cupboard with its door ajar", "One hinge, a revolute joint."),
     Sample(
         "robot", "robot", "scan_0", "Sample: a mobile manipulator",
         "Twelve links and eleven joints, from a rough prior of the base.", prior=True,
+    ),
+    Sample(
+        "robot_partial", "robot", "partial", "Sample: a mobile manipulator, seen in part",
+        "Base, torso and head are dark: the sensor measures them in patches only.", prior=True,
     ),
 )  # fmt: skip
 NAME = SAMPLES[0].name

@@ -450,6 +450,7 @@ def test_a_lost_server_is_said_and_comes_back_by_itself(page: Page, served: Serv
 def test_samples_are_listed_and_made_over_rest(served: Served) -> None:
     listed = served.client.get("/api/v1/samples").json()
     assert [sample["scene"] for sample in listed][:2] == ["open", "self_occluded"]
+    assert {"from_above", "robot_partial"} < {sample["scene"] for sample in listed}
     client: httpx.Client = served.client
     made = [client.post("/api/v1/sessions/sample", json={"scene": "door", "run": False}) for _ in range(2)]
     assert [answer.status_code for answer in made] == [201, 201]

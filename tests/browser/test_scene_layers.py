@@ -41,7 +41,7 @@ def test_without_a_graphics_card_less_is_drawn_unless_somebody_wants_it(
     small_page: Page, served: Served, session: str
 ) -> None:
     page = opened(small_page, served, session)
-    assert view(page, served)["economy"] is True  # browsers of tests have none
+    wait(page, lambda: view(page, served)["economy"] is True)  # browsers of tests have none
     switch = tab(page, "Layers").get_by_role("switch", name="fewer points and pictures", exact=True)
     expect(switch).to_be_checked()
     switch.uncheck()
@@ -54,7 +54,7 @@ def test_without_a_graphics_card_less_is_drawn_unless_somebody_wants_it(
     page.reload()  # what the address asks for holds when it has changed
     page.locator("body[data-ready]").wait_for()
     expect(switch).not_to_be_checked()
-    assert view(page, served)["economy"] is False
+    wait(page, lambda: view(page, served)["economy"] is False)
 
 
 def test_each_layer_is_drawn_by_its_switch(small_page: Page, served: Served, session: str) -> None:

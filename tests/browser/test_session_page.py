@@ -157,7 +157,7 @@ def test_an_edge_opens_its_two_messages(page: Page, served: Served, session: str
     expect(page.get_by_role("heading", name="drawer3 says where frame is")).to_be_visible()
     expect(page.locator(".message .scatter circle").first).to_be_attached()
     wait(page, lambda: view(page, served)["edge"] == ["frame", "drawer3"])
-    assert view(page, served)["show"]["messages"]
+    wait(page, lambda: view(page, served)["show"]["messages"])
 
 
 def test_why_a_particle_weighs_what_it_does(page: Page, served: Served, session: str) -> None:
@@ -174,7 +174,7 @@ def test_why_a_particle_weighs_what_it_does(page: Page, served: Served, session:
     picture = panel.get_by_role("img", name=re.compile("Observed depth"))
     expect(picture).to_be_visible()
     assert pixels(picture).std() > 10
-    assert view(page, served)["particle"] == best[0]["index"]
+    wait(page, lambda: view(page, served)["particle"] == best[0]["index"])
 
     why = served.client.get(f"{session}/beliefs/drawer1/particles/{best[0]['index']}").json()
     panel.locator("#ancestor").click()

@@ -65,9 +65,8 @@ def _run(
     rng = np.random.default_rng([seed, made.report.iteration])
     drawn = std_xyz(link_covariances(rng, made.problem, root, joints))
     spread = place(made.problem, made.report).std_xyz
-    first = [case.model.links.index(part.links[0]) for part in case.model.parts]
     errors = case.model.part_poses(root, joints)[:, :3] - case.true_poses[:, :3]
-    return Run(kind, errors, (drawn[first], spread[first]))
+    return Run(kind, errors, (drawn[case.first_links], spread[case.first_links]))
 
 
 def report(runs: Sequence[Run]) -> str:

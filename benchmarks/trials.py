@@ -64,6 +64,11 @@ class Case:
         """(N,): the parts that are seen well enough to count."""
         return self.shares >= VISIBLE
 
+    @property
+    def first_links(self) -> list[int]:
+        """(N,): of each part its first link, by its place in the model's order."""
+        return [self.model.links.index(part.links[0]) for part in self.model.parts]
+
     def errors(self, part_poses: Array) -> Array:
         """ADD (N,), metres, of part poses (N, 7); ADD-S for symmetric parts."""
         return np.array(

@@ -16,6 +16,8 @@ from pmpnbp.geometry.poses import Array
 # Metres: the largest error of a part that counts as found.
 FOUND = (0.01, 0.02, 0.05)
 UNDER = tuple(f"under {100 * limit:.0f} cm" for limit in FOUND)
+# What the deviations of a belief's particles are, in a sentence.
+OF_PARTICLES = "it follows the algorithm's own diffusion of particles"
 
 
 @dataclass(frozen=True)
@@ -101,10 +103,6 @@ def part_table(found: Mapping[str, Endings]) -> Table:
         for name, some in found.items() for run in range(len(some.add)) for part in range(len(some.parts))
     ]  # fmt: skip
     return Table("parts", ["case", "seed", "part", "visible_share", "hidden", "add_m", "std_m"], rows)
-
-
-# What the deviations of a belief's particles are, in a sentence.
-OF_PARTICLES = "it follows the algorithm's own diffusion of particles"
 
 
 def part_section(found: Mapping[str, Endings], spread: str = OF_PARTICLES) -> str:

@@ -189,8 +189,7 @@ def _std(case: Case, std_xyz: Array) -> Array:
 
 def _positions(case: Case, covariances: Array) -> Array:
     """(N, 3, 3) of the position of each part, by its first link. covariances : (L, 6, 6)"""
-    first = [case.model.links.index(part.links[0]) for part in case.model.parts]
-    return np.round(covariances[first, :3, :3], 12)
+    return np.round(covariances[case.first_links, :3, :3], 12)
 
 
 def _drawn(case: Case, report: IterationReport, placed: Placement) -> dict[str, Any]:

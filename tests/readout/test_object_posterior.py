@@ -15,6 +15,7 @@ from pmpnbp.inference.tree_estimate import configuration_scores
 from pmpnbp.readout import object_posterior
 from pmpnbp.readout.object_posterior import CONFIDENCE, draw, link_covariances
 from pmpnbp.readout.posterior import covariance
+from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from tests.inference import small_worlds as worlds
 
@@ -40,7 +41,7 @@ def test_a_joint_s_posterior_is_that_on_a_grid(name: str) -> None:
     # from the front, and from low behind the closed back, where the drawer may be anywhere
     view = {} if name == "seen" else {"eye": (2.9, -0.4, 0.3), "target": tuple(ROOT[:3] + [0, 0, 0.2])}
     made = looked_at(pinned(), **view)
-    fixed = replace(made, mrf=replace(made.mrf, model=frozen(made, JOINTS)))
+    fixed = replace(made, mrf=replace(made.mrf, model=frozen(made.mrf.model, JOINTS)))
     slide = np.linspace(0.0, 0.25, 2001)
     tried = np.tile(JOINTS, (len(slide), 1))
     tried[:, SLIDE] = slide
@@ -56,9 +57,8 @@ def test_a_joint_s_posterior_is_that_on_a_grid(name: str) -> None:
         assert abs(measured.mean() - expected) < 5 * measured.std(ddof=1) / np.sqrt(len(found)), (measured, expected)
 
 
-def frozen(made: Problem, joints: Array):  # type: ignore[no-untyped-def]
+def frozen(model: ArticulatedObject, joints: Array) -> ArticulatedObject:
     """The model with its hinge kept within a hundredth of a degree."""
-    model = made.mrf.model
     lower, upper = model.lower.copy(), model.upper.copy()
     lower[1], upper[1] = joints[1] - 1e-4, joints[1] + 1e-4
     return replace(model, lower=lower, upper=upper)

@@ -120,32 +120,50 @@ def _add_estimate(commands: argparse._SubParsersAction[_Parser]) -> None:
     add("model", type=Path, metavar="MODEL", help="a URDF, or a zip holding one with its meshes")
     add("scans", type=Path, metavar="SCAN", nargs="+", help="PNG, PCD, PLY, XYZ, NPY or NPZ; several are several views")
     add(
-        "--camera", type=Path, metavar="FILE", action="append", default=[],
+        "--camera",
+        type=Path,
+        metavar="FILE",
+        action="append",
+        default=[],
         help="camera.json; once for all scans, or once for each in their order",
-    )  # fmt: skip
+    )
     add(
-        "--roi", type=_region, metavar="X0,Y0,Z0,X1,Y1,Z1",
+        "--roi",
+        type=_region,
+        metavar="X0,Y0,Z0,X1,Y1,Z1",
         help="the box the object is in, two corners, metres in world; write --roi=… as numbers may be negative",
-    )  # fmt: skip
+    )
     add("--prior", type=Path, metavar="FILE", help="prior.json; default: upright, anywhere on the points seen")
     add(
-        "--method", choices=METHODS, default=METHODS[0],
+        "--method",
+        choices=METHODS,
+        default=METHODS[0],
         help="belief propagation over the parts, or a particle filter over whole objects; default: %(default)s",
-    )  # fmt: skip
+    )
     add("--particles", type=_whole(2, 20_000), default=400, metavar="N", help="of each part; default: %(default)s")
     add(
-        "--iterations", type=_whole(0, 100_000), default=100, metavar="N",
+        "--iterations",
+        type=_whole(0, 100_000),
+        default=100,
+        metavar="N",
         help="at most; the run ends earlier once converged; default: %(default)s",
-    )  # fmt: skip
+    )
     add("--seed", type=_whole(0, 2**63 - 1), default=0, metavar="N", help="default: %(default)s")
     add(
-        "--max-std", type=_length, default=0.0025, metavar="METRES",
+        "--max-std",
+        type=_length,
+        default=0.0025,
+        metavar="METRES",
         help="standard deviation up to which a link is certain; default: %(default)s",
-    )  # fmt: skip
+    )
     add(
-        "--config", type=_assignment, metavar="NAME=VALUE", action="append", default=[],
+        "--config",
+        type=_assignment,
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
         help="a setting, may be given again; `pmpnbp settings` lists them; preset=paper is the paper's algorithm",
-    )  # fmt: skip
+    )
     add("--truth", type=Path, metavar="FILE", help="truth.json; adds the errors against it (ADD, ADD-S) to the result")
     add("--out", type=Path, metavar="FILE", help="where the result goes; default: standard output")
     add("--recording", type=Path, metavar="FILE", help="every iteration, as one SQLite file")

@@ -13,8 +13,10 @@ from pmpnbp.geometry.poses import Array
 
 Format = Literal["json", "npz", "ply"]
 MEDIA_TYPES: Mapping[Format, str] = {
-    "json": "application/json", "npz": "application/octet-stream", "ply": "application/octet-stream",
-}  # fmt: skip
+    "json": "application/json",
+    "npz": "application/octet-stream",
+    "ply": "application/octet-stream",
+}
 COMPONENTS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 

@@ -18,9 +18,10 @@ Covariance = Annotated[
     Field(
         description="row-major 6x6 over x, y, z (metres) and rotation about fixed X, Y, Z (radians), in world, as "
         "ROS's PoseWithCovariance",
-        min_length=36, max_length=36,
+        min_length=36,
+        max_length=36,
     ),
-]  # fmt: skip
+]
 NumberOrAxes = float | list[float]
 
 
@@ -56,14 +57,16 @@ class SessionRequest(Body):
     model_id: str = Field(description="id of the model", max_length=64, examples=["0123456789abcdef"])
     scan_ids: list[Annotated[str, Field(max_length=64)]] = Field(
         description="ids of the scans: views of one scene in one world frame",
-        min_length=1, max_length=32, examples=[["0123456789abcdef"]],
-    )  # fmt: skip
+        min_length=1,
+        max_length=32,
+        examples=[["0123456789abcdef"]],
+    )
     name: str | None = Field(None, description="what people call it", max_length=200, examples=["kitchen"])
     method: Method = Field(
         "pmpnbp",
         description="how to infer: pmpnbp, belief propagation over the parts; or particle_filter, Monte Carlo "
         "localisation of the object as a whole",
-    )  # fmt: skip
+    )
     particles: int = Field(400, description="particles of each part", ge=2, le=20_000)
     iterations: int = Field(100, description="iterations that `run` makes where it is told no number", ge=1, le=100_000)
     seed: int = Field(0, description="the same seed and input give the same numbers", ge=0, le=2**63 - 1)
@@ -71,15 +74,17 @@ class SessionRequest(Body):
         None,
         description="region of interest x0 y0 z0 x1 y1 z1, metres in world: a box that holds the object; null for all "
         "that was seen",
-        min_length=6, max_length=6, examples=[[-0.1, -0.2, -0.1, 0.9, 0.7, 0.9]],
-    )  # fmt: skip
+        min_length=6,
+        max_length=6,
+        examples=[[-0.1, -0.2, -0.1, 0.9, 0.7, 0.9]],
+    )
     prior: Members | None = Field(
         None,
         description="as prior.json: {kind: uniform, orientation: upright or any}, or {kind: gaussian, link, pose (of "
         "the link in world, metres, quaternion x y z w), std_xyz (metres), std_rpy (radians about world's axes), "
         "joints: {NAME: {position, std}} (metres or radians)}; null for upright, anywhere on the scan",
         examples=[{"kind": "uniform", "orientation": "upright"}],
-    )  # fmt: skip
+    )
     config: Config = Field(default_factory=dict)
     max_std: Finite = Field(
         0.0025, description="metres: a link is certain where no element of its std_xyz is above", gt=0
@@ -98,8 +103,10 @@ class RunRequest(Body):
         None,
         description="iterations to make from here; without it up to the session's own number, that many where it has "
         "made them",
-        ge=1, le=100_000, examples=[100],
-    )  # fmt: skip
+        ge=1,
+        le=100_000,
+        examples=[100],
+    )
     until: Until = Field(
         "iterations", description="stop before that as soon as the inference is at rest, or every link certain"
     )

@@ -133,9 +133,13 @@ class Access:
         response = RedirectResponse(path + ("?" + urlencode(rest) if rest else ""), 303)
         response.headers["Cache-Control"] = "no-store"
         response.set_cookie(
-            COOKIE, cookie_value(self._config.token), path="/", httponly=True, samesite="lax",
+            COOKIE,
+            cookie_value(self._config.token),
+            path="/",
+            httponly=True,
+            samesite="lax",
             secure=scope.get("scheme") == "https",
-        )  # fmt: skip
+        )
         return response
 
     def _wrong_origin(self, scope: Scope, headers: HeaderView, trusted: bool) -> HttpProblem | None:

@@ -54,10 +54,15 @@ def chest(parts: int) -> Generated:
         elements.append(urdf_text.link(f"drawer{number}", models.drawer(CELL[0], DEPTH, CELL[1])))
         elements.append(
             urdf_text.joint(
-                f"slide{number}", "prismatic", "frame", f"drawer{number}", place,
-                axis=(1, 0, 0), limits=(0, models.travel(DEPTH)),
+                f"slide{number}",
+                "prismatic",
+                "frame",
+                f"drawer{number}",
+                place,
+                axis=(1, 0, 0),
+                limits=(0, models.travel(DEPTH)),
             )
-        )  # fmt: skip
+        )
     # neighbours stand out by different lengths, so that their fronts can be told apart
     out = 0.03 * (1.0 + np.arange(drawers, dtype=np.float64) % 5)
     return Generated(urdf_text.robot("chest", elements), out, height)
@@ -96,9 +101,16 @@ def generated_case(kind: str, parts: int, settings: Settings) -> Case:
     observation = observe([Scan(camera, depth.astype(np.float32))], region, width=settings.image_width)
     count = len(model.parts)
     return Case(
-        f"{kind}_{parts}", model, observation, true_poses, {}, {}, np.ones(count), np.zeros(count, dtype=np.bool_),
+        f"{kind}_{parts}",
+        model,
+        observation,
+        true_poses,
+        {},
+        {},
+        np.ones(count),
+        np.zeros(count, dtype=np.bool_),
         surface_points(model),
-    )  # fmt: skip
+    )
 
 
 def _floor_depth(camera: Camera) -> Array:

@@ -64,10 +64,14 @@ def study(
                 for seed in range(seeds):
                     for known in (NO_PRIOR, ROUGH):
                         trial = run_trial(
-                            case, prior if known == ROUGH else UniformPrior("upright"), settings,
-                            seed=seed, iterations=ROUGH_ITERATIONS if known == ROUGH else iterations,
-                            particles=particles, method=method,
-                        )  # fmt: skip
+                            case,
+                            prior if known == ROUGH else UniformPrior("upright"),
+                            settings,
+                            seed=seed,
+                            iterations=ROUGH_ITERATIONS if known == ROUGH else iterations,
+                            particles=particles,
+                            method=method,
+                        )
                         progress(f"{case.name}, {known}, seed {seed}: {centimetres(case, trial)} cm")
                         yield Run(kind, known, case, seed, trial)
 

@@ -155,19 +155,35 @@ def table(figures: dict[str, Any]) -> str:
     parts = [[case["object"], case["parts"], case["preset"], *_time_cells(case)] for case in figures["by_parts"]]
     ways = [
         [
-            way["known"], way["runs"], way["found"], way["converged"], f"{way['prepare_seconds']:.2f}",
-            f"{way['seconds']:.2f}", f"{way['iterations']:.0f}", f"{way['seconds_to_20']:.2f}",
+            way["known"],
+            way["runs"],
+            way["found"],
+            way["converged"],
+            f"{way['prepare_seconds']:.2f}",
+            f"{way['seconds']:.2f}",
+            f"{way['iterations']:.0f}",
+            f"{way['seconds_to_20']:.2f}",
             "–" if way["seconds_to_result"] is None else f"{way['seconds_to_result']:.2f}",
         ]
         for way in figures["to_convergence"]
-    ]  # fmt: skip
+    ]
     header = ["known", "runs", "found", "converged", "prepared (s)", "converged (s)", "iterations", "20 iterations (s)"]
     lines = [
-        "An iteration by particles, sample cabinet:", "", markdown(["preset", "M", *cells], particles), "",
-        "An iteration by parts:", "", markdown(["object", "parts", "preset", *cells], parts), "",
-        f"Reference: {figures['reference']}.", "",
-        "Until the sample cabinet is found, medians:", "", markdown([*header, "within 1 cm (s)"], ways), "",
-    ]  # fmt: skip
+        "An iteration by particles, sample cabinet:",
+        "",
+        markdown(["preset", "M", *cells], particles),
+        "",
+        "An iteration by parts:",
+        "",
+        markdown(["object", "parts", "preset", *cells], parts),
+        "",
+        f"Reference: {figures['reference']}.",
+        "",
+        "Until the sample cabinet is found, medians:",
+        "",
+        markdown([*header, "within 1 cm (s)"], ways),
+        "",
+    ]
     memory = figures["peak_megabytes"]
     if memory is not None:
         lines += [f"Peak memory: {memory['estimate']:.0f} MB, of which imports {memory['imports']:.0f} MB.", ""]

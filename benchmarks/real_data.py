@@ -59,14 +59,32 @@ class Robot:
 
 ROBOTS = {
     "fetch": Robot(
-        "Fetch, simulated scans", "fetch", ("scan_0", "scan_1"), "base_link", 0.10, 10.0,
-        (-0.9, -0.9, -0.1, 0.9, 0.9, 1.5), 0.05, False, 100, 5,
+        "Fetch, simulated scans",
+        "fetch",
+        ("scan_0", "scan_1"),
+        "base_link",
+        0.10,
+        10.0,
+        (-0.9, -0.9, -0.1, 0.9, 0.9, 1.5),
+        0.05,
+        False,
+        100,
+        5,
     ),
     "xarm": Robot(
-        "xArm 7, real depth", "real_xarm7", ("frame_0", "frame_4", "frame_7"), "link_base", 0.02, 2.0,
-        (-0.75, -0.75, -0.1, 0.75, 0.75, 1.0), 0.025, True, 100, 3,
+        "xArm 7, real depth",
+        "real_xarm7",
+        ("frame_0", "frame_4", "frame_7"),
+        "link_base",
+        0.02,
+        2.0,
+        (-0.75, -0.75, -0.1, 0.75, 0.75, 1.0),
+        0.025,
+        True,
+        100,
+        3,
     ),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -120,10 +138,18 @@ def report(robot: Robot, runs: Sequence[Run]) -> str:
     part_names = [part.name for part in runs[0].case.model.parts]
     joints = list(runs[0].joint_errors)
     summary = [
-        [run.scan, run.seed, _found(robot, run), f"{100 * np.median(run.errors[_counted(robot, run.case)]):.1f}",
-         *_offset_cells(robot, run), f"{run.trial.iterations}", f"{run.seconds:.1f}", f"{run.all_seconds:.1f}"]
+        [
+            run.scan,
+            run.seed,
+            _found(robot, run),
+            f"{100 * np.median(run.errors[_counted(robot, run.case)]):.1f}",
+            *_offset_cells(robot, run),
+            f"{run.trial.iterations}",
+            f"{run.seconds:.1f}",
+            f"{run.all_seconds:.1f}",
+        ]
         for run in runs
-    ]  # fmt: skip
+    ]
     header = ["scan", "seed", f"within {100 * robot.tolerance:.1f} cm", "median (cm)"]
     header += ["offset taken off", "within without it"] if robot.aligned else []
     header += ["iterations", "seconds", "with reading"]
@@ -132,14 +158,25 @@ def report(robot: Robot, runs: Sequence[Run]) -> str:
     by_link = [[run.scan, run.seed, *_link_cells(robot, run)] for run in runs]
     by_joint = [[run.scan, run.seed, *(f"{run.joint_errors[name]:+.1f}" for name in joints)] for run in runs]
     limit = f"{100 * robot.tolerance:.1f} cm"
-    return "\n".join([
-        f"### {robot.title}", "", f"Within {limit}: {rate(good, total)} of the parts that count.",
-        "", markdown(header, summary), "",
-        "Errors by part (cm; ADD-S for symmetric ones; in brackets: less than a tenth visible)"
-        + (", the offset taken off:" if robot.aligned else ":"),
-        "", markdown(["scan", "seed", *part_names], by_link), "",
-        "Errors by joint (degrees):", "", markdown(["scan", "seed", *joints], by_joint), "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            f"### {robot.title}",
+            "",
+            f"Within {limit}: {rate(good, total)} of the parts that count.",
+            "",
+            markdown(header, summary),
+            "",
+            "Errors by part (cm; ADD-S for symmetric ones; in brackets: less than a tenth visible)"
+            + (", the offset taken off:" if robot.aligned else ":"),
+            "",
+            markdown(["scan", "seed", *part_names], by_link),
+            "",
+            "Errors by joint (degrees):",
+            "",
+            markdown(["scan", "seed", *joints], by_joint),
+            "",
+        ]
+    )
 
 
 def _within_reach(whole: Case, robot: Robot, prior: GaussianPrior, folder: Path, settings: Settings) -> Case:
@@ -217,9 +254,14 @@ def main(words: Sequence[str] | None = None, data: Path = DATA) -> None:
             )
             continue
         runs = measure(
-            robot, arguments.seeds or robot.seeds, arguments.iterations or robot.iterations, arguments.particles,
-            chosen, data, arguments.method,
-        )  # fmt: skip
+            robot,
+            arguments.seeds or robot.seeds,
+            arguments.iterations or robot.iterations,
+            arguments.particles,
+            chosen,
+            data,
+            arguments.method,
+        )
         print(report(robot, runs), flush=True)
 
 

@@ -76,13 +76,18 @@ def report(figures: dict[str, Any]) -> str:
     """The figures as text."""
     described = figures["machine"]
     versions = ", ".join(f"{name} {number}" for name, number in described["versions"].items())
-    return "\n".join([
-        f"{described['processor']}, {described['cores']} cores, load {described['load_average_before']} before",
-        versions, "",
-        "Kernels, part poses a second, and as multiples of the ray caster's:", "",
-        kernels.table(figures["kernels"]), "",
-        inference.table(figures["inference"]),
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            f"{described['processor']}, {described['cores']} cores, load {described['load_average_before']} before",
+            versions,
+            "",
+            "Kernels, part poses a second, and as multiples of the ray caster's:",
+            "",
+            kernels.table(figures["kernels"]),
+            "",
+            inference.table(figures["inference"]),
+        ]
+    )
 
 
 def _processor() -> str:

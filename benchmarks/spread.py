@@ -52,11 +52,18 @@ def row_of_parts(count: int, half_range: float = HALF_RANGE) -> ArticulatedObjec
     """`count` small blocks, each sliding along x by ±`half_range` about OFFSET from the one before."""
     joints = tuple(
         Joint(
-            f"slide{k}", "prismatic", f"part{k - 1}", f"part{k}",
-            poses.from_xyz_rpy([OFFSET, 0, 0], [0, 0, 0]), np.array([1.0, 0, 0]), -half_range, half_range, (k - 1,),
+            f"slide{k}",
+            "prismatic",
+            f"part{k - 1}",
+            f"part{k}",
+            poses.from_xyz_rpy([OFFSET, 0, 0], [0, 0, 0]),
+            np.array([1.0, 0, 0]),
+            -half_range,
+            half_range,
+            (k - 1,),
         )
         for k in range(1, count)
-    )  # fmt: skip
+    )
     block = LinkSurface(exact=(box([0.1, 0.1, 0.1]),))
     return assemble("row", "part0", joints, {f"part{k}": block for k in range(count)}, 100, 1.0)
 
@@ -101,10 +108,15 @@ def start(rng: np.random.Generator, made: GaussianProblem, spread: float = 0.06)
     return State(
         0,
         Belief(
-            particles, np.full((nodes, count), -np.log(count)), np.zeros((nodes, count)), empty,
-            np.full((nodes, count), START, dtype=np.uint8), empty, np.zeros((nodes, count), dtype=np.int32),
+            particles,
+            np.full((nodes, count), -np.log(count)),
+            np.zeros((nodes, count)),
+            empty,
+            np.full((nodes, count), START, dtype=np.uint8),
+            empty,
+            np.zeros((nodes, count), dtype=np.int32),
         ),
-    )  # fmt: skip
+    )
 
 
 def measured(made: GaussianProblem, iterations: int, settle: int) -> tuple[Array, Array]:
@@ -125,9 +137,13 @@ def measured(made: GaussianProblem, iterations: int, settle: int) -> tuple[Array
 
 # Belief propagation alone, at its last and tightest settings, with no turning: what is left is one dimension.
 ALONE = {
-    "search_iterations": 0, "anneal_iterations": 0, "refine_iterations": 0, "object_estimate": False,
-    "diffusion_rotation_start": 0.0, "diffusion_rotation_end": 0.0,
-}  # fmt: skip
+    "search_iterations": 0,
+    "anneal_iterations": 0,
+    "refine_iterations": 0,
+    "object_estimate": False,
+    "diffusion_rotation_start": 0.0,
+    "diffusion_rotation_end": 0.0,
+}
 
 
 def variants() -> dict[str, Settings]:

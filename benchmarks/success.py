@@ -74,9 +74,14 @@ def study(
             warm_kernels(case, settings, method)
         for seed in range(seeds):
             trial = run_trial(
-                case, mode.prior(case, seed), settings,
-                seed=seed, iterations=mode.iterations or iterations, particles=particles, method=method,
-            )  # fmt: skip
+                case,
+                mode.prior(case, seed),
+                settings,
+                seed=seed,
+                iterations=mode.iterations or iterations,
+                particles=particles,
+                method=method,
+            )
             found.append((case, seed, trial))
             progress(f"{mode.name}: {scene} seed {seed}: {100 * trial.worst[-1]:.2f} cm in {trial.seconds:.2f} s")
     return found
@@ -94,11 +99,15 @@ def report(mode: Mode, runs: Sequence[tuple[Case, int, Trial]]) -> str:
         of_scene = [(case, trial) for case, _, trial in runs if scene in (case.name, "all")]
         errors = np.concatenate([trial.errors[case.judged] for case, trial in of_scene])
         good = sum(succeeds(case, trial) for case, trial in of_scene)
-        rows.append([
-            scene, rate(good, len(of_scene)), f"{100 * np.median(errors):.2f}",
-            f"{np.median([trial.seconds for _, trial in of_scene]):.2f}",
-            f"{np.median([trial.iterations for _, trial in of_scene]):.0f}",
-        ])  # fmt: skip
+        rows.append(
+            [
+                scene,
+                rate(good, len(of_scene)),
+                f"{100 * np.median(errors):.2f}",
+                f"{np.median([trial.seconds for _, trial in of_scene]):.2f}",
+                f"{np.median([trial.iterations for _, trial in of_scene]):.0f}",
+            ]
+        )
     lines = [f"### {mode.name}", "", markdown(["scene", "success", "median ADD (cm)", "seconds", "iterations"], rows)]
     failures = [
         f"- {case.name}, seed {seed}: {centimetres(case, trial, TOLERANCE)} cm"

@@ -48,9 +48,12 @@ class Settings:
     )
     splat_points: int = _setting(256, "points", "visible surface points that stand for a part", low=16, high=4096)
     pixel_score: Literal["robust", "distance"] = _setting(
-        "robust", "", "score of a pixel: robust, or eq. 10's plain distance", paper="distance",
+        "robust",
+        "",
+        "score of a pixel: robust, or eq. 10's plain distance",
+        paper="distance",
         choices=("robust", "distance"),
-    )  # fmt: skip
+    )
     tolerance_start: float = _setting(0.06, "m", "distance at which a pixel stops to be explained, at first", low=1e-4)
     tolerance_end: float = _setting(0.012, "m", "the same once annealed", low=1e-4)
     free_space_cost: float = _setting(1.0, "", "cost of a pixel where the scan sees through the surface", low=0)
@@ -61,9 +64,12 @@ class Settings:
         0.15, "", "share of particles that tempering keeps effective; 0 turns tempering off", paper=0.0, low=0
     )
     pairwise_form: Literal["projected", "limits"] = _setting(
-        "projected", "", "pairwise potential: residual after projection on the joint, or eq. 11",
-        paper="limits", choices=("projected", "limits"),
-    )  # fmt: skip
+        "projected",
+        "",
+        "pairwise potential: residual after projection on the joint, or eq. 11",
+        paper="limits",
+        choices=("projected", "limits"),
+    )
     sigma_position: float = _setting(0.01, "m", "sigma_pos of the pairwise potential, once annealed", low=1e-5)
     sigma_orientation: float = _setting(0.05, "rad", "sigma_ori of the pairwise potential, once annealed", low=1e-5)
     joint_draws: int = _setting(8, "draws", "joint positions tried for each message sample", paper=1, low=1, high=256)
@@ -72,9 +78,12 @@ class Settings:
         0.35, "", "share of a part's particles proposed through joints from its neighbours", paper=0.0, low=0
     )
     belief_product: Literal["shared", "pooled"] = _setting(
-        "shared", "", "incoming messages judge one shared sample set (their product), or box 2's pooled sets",
-        paper="pooled", choices=("shared", "pooled"),
-    )  # fmt: skip
+        "shared",
+        "",
+        "incoming messages judge one shared sample set (their product), or box 2's pooled sets",
+        paper="pooled",
+        choices=("shared", "pooled"),
+    )
     messages_keep_unary: bool = _setting(
         False, "", "box 2 step 1a to the letter: messages keep the receiver's unary factor", paper=True
     )

@@ -99,8 +99,13 @@ def test_the_base_runs_python_that_the_project_takes(repository: Path, stages: l
 def test_what_is_copied_exists_and_is_not_ignored(
     repository: Path, stages: list[list[tuple[str, str]]], patterns: list[str]
 ) -> None:
-    from_here = [source for stage in stages for options, sources, _ in copied(stage) if "from" not in options
-                 for source in sources]  # fmt: skip
+    from_here = [
+        source
+        for stage in stages
+        for options, sources, _ in copied(stage)
+        if "from" not in options
+        for source in sources
+    ]
     assert {"pyproject.toml", "constraints.txt", "pmpnbp", "app", "static", "sample_data"} <= set(from_here)
     for source in from_here:
         assert (repository / source).exists(), source
@@ -117,8 +122,19 @@ def test_what_is_copied_from_a_stage_is_made_there(stages: list[list[tuple[str, 
         assert source in build, source
 
 
-@pytest.mark.parametrize("path", [".git/config", ".venv/bin/python", "tests/conftest.py", "app/__pycache__/x.pyc",
-                                  "pmpnbp/scene/__pycache__", "docs/rest.md", ".env", "out/result.json"])  # fmt: skip
+@pytest.mark.parametrize(
+    "path",
+    [
+        ".git/config",
+        ".venv/bin/python",
+        "tests/conftest.py",
+        "app/__pycache__/x.pyc",
+        "pmpnbp/scene/__pycache__",
+        "docs/rest.md",
+        ".env",
+        "out/result.json",
+    ],
+)
 def test_nothing_else_gets_into_an_image(path: str, patterns: list[str]) -> None:
     assert ignored(path, patterns)
 

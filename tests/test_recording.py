@@ -45,14 +45,23 @@ def inputs_of(prior: str = "uniform", method: str = "pmpnbp", **changes: Any) ->
     )
     region = np.array(json.loads((CABINET / "open" / "region.json").read_text())["region"])
     known = GaussianPrior(
-        "drawer1", np.array([0.6, 0.4, 0.6, *poses.from_rpy([0.01, 0.02, 0.5])]), np.full(3, 0.08), np.full(3, 0.15),
+        "drawer1",
+        np.array([0.6, 0.4, 0.6, *poses.from_rpy([0.01, 0.02, 0.5])]),
+        np.full(3, 0.08),
+        np.full(3, 0.15),
         {"slide1": (0.2, 0.03)},
-    )  # fmt: skip
+    )
     settings = changed(preset("robust"), QUICK | changes)
     return Inputs(
-        CABINET / "cabinet.urdf", scans, region, UniformPrior() if prior == "uniform" else known, settings, 40, 11,
+        CABINET / "cabinet.urdf",
+        scans,
+        region,
+        UniformPrior() if prior == "uniform" else known,
+        settings,
+        40,
+        11,
         method,
-    )  # fmt: skip
+    )
 
 
 def iterations_of(inputs: Inputs, count: int) -> tuple[Any, Iterations]:
@@ -291,9 +300,7 @@ def test_over_its_size_every_second_is_kept_then_every_fourth(
     tmp_path: Path, uniform: tuple[Inputs, Any, Iterations]
 ) -> None:
     inputs, problem, made = uniform
-    many = [
-        (replace(made[6][0], iteration=number), replace(made[6][1], iteration=number)) for number in range(100)
-    ]  # fmt: skip
+    many = [(replace(made[6][0], iteration=number), replace(made[6][1], iteration=number)) for number in range(100)]
     empty = recorded(tmp_path / "empty.sqlite", inputs, problem, []).stat().st_size
     limit = empty + 600_000
     path = recorded(tmp_path / "run.sqlite", inputs, problem, many, max_bytes=limit)
@@ -386,9 +393,11 @@ def test_a_urdf_goes_into_the_file_with_the_meshes_it_names(tmp_path: Path) -> N
 @pytest.mark.parametrize("dtype", ["<f8", "<f4", "<i4", "|u1", "|b1"])
 @pytest.mark.parametrize("shape", [(), (0,), (3,), (2, 0, 7), (4, 5, 7)])
 def test_arrays_come_back_to_the_bit(dtype: str, shape: tuple[int, ...], rng: np.random.Generator) -> None:
-    array = rng.integers(0, 2, size=shape).astype(dtype) if dtype == "|b1" else np.asarray(
-        100 * rng.random(shape), dtype=dtype
-    )  # fmt: skip
+    array = (
+        rng.integers(0, 2, size=shape).astype(dtype)
+        if dtype == "|b1"
+        else np.asarray(100 * rng.random(shape), dtype=dtype)
+    )
     back = unpack(*pack(array))
     assert (back.dtype, back.shape, back.tobytes()) == (array.dtype, array.shape, array.tobytes())
 

@@ -96,11 +96,21 @@ def test_the_defaults_are_the_preset_robust() -> None:
 def test_the_preset_paper_is_the_paper_to_the_letter() -> None:
     paper = preset("paper")
     letter = {
-        "pixel_score": "distance", "pairwise_form": "limits", "belief_product": "pooled", "messages_keep_unary": True,
-        "effective_share": 0.0, "joint_draws": 1, "joint_memory": 0.0, "neighbour_proposals": 0.0,
-        "prior_factor": False, "object_estimate": False, "neighbour_sum": True, "anneal_iterations": 0,
-        "search_iterations": 0, "refine_iterations": 0,
-    }  # fmt: skip
+        "pixel_score": "distance",
+        "pairwise_form": "limits",
+        "belief_product": "pooled",
+        "messages_keep_unary": True,
+        "effective_share": 0.0,
+        "joint_draws": 1,
+        "joint_memory": 0.0,
+        "neighbour_proposals": 0.0,
+        "prior_factor": False,
+        "object_estimate": False,
+        "neighbour_sum": True,
+        "anneal_iterations": 0,
+        "search_iterations": 0,
+        "refine_iterations": 0,
+    }
     assert {name: getattr(paper, name) for name in letter} == letter
     assert paper != Settings()
 

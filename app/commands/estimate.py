@@ -82,9 +82,15 @@ def _problem(arguments: argparse.Namespace, cameras: Sequence[Path | None]) -> t
     settings = settings_module.changed(settings_module.preset("robust"), _changes(arguments.config))
     scans = [load_scan(scan, camera) for scan, camera in zip(arguments.scans, cameras, strict=True)]
     return estimation.prepare(
-        arguments.model, scans, arguments.roi, arguments.prior, settings,
-        particles=arguments.particles, seed=arguments.seed, method=arguments.method,
-    )  # fmt: skip
+        arguments.model,
+        scans,
+        arguments.roi,
+        arguments.prior,
+        settings,
+        particles=arguments.particles,
+        seed=arguments.seed,
+        method=arguments.method,
+    )
 
 
 def _iterations(
@@ -111,9 +117,13 @@ def _result(
 
     assert progressed.report is not None
     return estimation.read_out(
-        problem, progressed.report, converged=progressed.converged, seconds=time.perf_counter() - progressed.began,
-        max_std=arguments.max_std, truth=truth,
-    )  # fmt: skip
+        problem,
+        progressed.report,
+        converged=progressed.converged,
+        seconds=time.perf_counter() - progressed.began,
+        max_std=arguments.max_std,
+        truth=truth,
+    )
 
 
 def _recorder(path: Path | None, inputs: Inputs, problem: Problem) -> AbstractContextManager[RecordingWriter | None]:

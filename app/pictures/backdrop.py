@@ -80,9 +80,14 @@ def scaled(camera: Camera, width: int, height: int) -> Camera:
     """The same view in so many pixels."""
     across, down = width / camera.width, height / camera.height
     return Camera(
-        width, height, camera.fx * across, camera.fy * down,
-        (camera.cx + 0.5) * across - 0.5, (camera.cy + 0.5) * down - 0.5, camera.pose_world_camera,
-    )  # fmt: skip
+        width,
+        height,
+        camera.fx * across,
+        camera.fy * down,
+        (camera.cx + 0.5) * across - 0.5,
+        (camera.cy + 0.5) * down - 0.5,
+        camera.pose_world_camera,
+    )
 
 
 def _shade_behind(inverse: Grey, size: float) -> Grey:

@@ -116,9 +116,11 @@ class PartImages:
         normal[covered] = np.where(along > 0, -1, 1)[:, None] * turned  # meshes need not be wound outward
         cosine[covered] = np.abs(along)
         return PartImage(
-            np.where(part != NOTHING, depth, np.float32(0)), part, normal.reshape(*part.shape, 3),
+            np.where(part != NOTHING, depth, np.float32(0)),
+            part,
+            normal.reshape(*part.shape, 3),
             cosine.reshape(part.shape),
-        )  # fmt: skip
+        )
 
     def _prepared(self, model: ArticulatedObject) -> tuple[Any, list[Any]]:
         """The model's scene and its parts' nodes, None for a part without a surface."""

@@ -23,9 +23,13 @@ from pmpnbp.scene.observation import NO_DEPTH, OBJECT, SUPPORT, View
 NOT_COVERED, EXPLAINED, ON_SUPPORT, IN_FRONT, SEEN_THROUGH, UNKNOWN, OUTSIDE_REGION = range(7)
 # Their colours, sRGB, apart for readers with any of the usual colour vision deficiencies: after Okabe and Ito.
 KIND_COLOURS = {
-    EXPLAINED: "#0072b2", ON_SUPPORT: "#56b4e9", IN_FRONT: "#f0c83c", SEEN_THROUGH: "#c8430a", UNKNOWN: "#8a8f98",
+    EXPLAINED: "#0072b2",
+    ON_SUPPORT: "#56b4e9",
+    IN_FRONT: "#f0c83c",
+    SEEN_THROUGH: "#c8430a",
+    UNKNOWN: "#8a8f98",
     OUTSIDE_REGION: "#b9a3c9",
-}  # fmt: skip
+}
 # Depth from near to far, sRGB: lightness falls evenly.
 RAMP = ("#f6efd9", "#c9d3b0", "#86b1a0", "#4d8797", "#2f5a80", "#252f57")
 NARROWEST, LONGEST = 480, 1600
@@ -72,9 +76,15 @@ class Style:
 
 
 def particle_picture(
-    problem: Problem, report: IterationReport, node: int, index: int, *, view: int = 0, width: int = 720,
+    problem: Problem,
+    report: IterationReport,
+    node: int,
+    index: int,
+    *,
+    view: int = 0,
+    width: int = 720,
     dark: bool = False,
-) -> bytes:  # fmt: skip
+) -> bytes:
     """A PNG `width` pixels wide about particle `index` of part `node`, in view `view` of the iteration's scans.
 
     dark : for a dark page. The tolerance is the iteration's.

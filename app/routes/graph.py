@@ -50,8 +50,12 @@ def get_graph(session_id: SessionId, request: Request) -> Any:
     ]
     views = len(problem.observation.views)
     return {
-        "session_id": session.id, "parts": parts, "edges": edges, "views": views, "truth": session.truth_known,
-    }  # fmt: skip
+        "session_id": session.id,
+        "parts": parts,
+        "edges": edges,
+        "views": views,
+        "truth": session.truth_known,
+    }
 
 
 def _joint(joint: Joint) -> dict[str, Any]:

@@ -47,11 +47,14 @@ def get_marginals(
     session, made = read(request, session_id, iteration, [link])
     found = [
         {
-            "name": one.name, "unit": one.unit, "edges": one.edges.tolist(), "density": one.density.tolist(),
+            "name": one.name,
+            "unit": one.unit,
+            "edges": one.edges.tolist(),
+            "density": one.density.tolist(),
             "estimate": one.estimate,
         }
         for one in marginals(made.problem, made.report, link, bins, made.placed)
-    ]  # fmt: skip
+    ]
     return _head(session, made, link) | {"marginals": found}
 
 
@@ -112,7 +115,10 @@ def get_particle(session_id: SessionId, link: Link, index: Index, request: Reque
             "temperature": why["temperature"],
             "log_potential": unary + why["log_prior"] + sum(shares.values()),
             "shares": {
-                "unary": unary, "prior": why["log_prior"], "messages": shares, "constant": why["log_constant"],
+                "unary": unary,
+                "prior": why["log_prior"],
+                "messages": shares,
+                "constant": why["log_constant"],
             },
             "messages": [
                 {**sender, "joint_draw": _axes(made, node, sender["from"], sender["joint_draw"])}
@@ -120,7 +126,7 @@ def get_particle(session_id: SessionId, link: Link, index: Index, request: Reque
             ],
             "joint_positions": None if joints is None else {name: _number(moved) for name, moved in joints.items()},
         }
-    )  # fmt: skip
+    )
 
 
 @router.get(

@@ -229,9 +229,15 @@ def get_decision(
     certain = made.placed.certain(limit)
     blocking = [link for link in asked if not certain[names.index(link)]]
     return {
-        "session_id": session.id, "iteration": made.iteration, "action": "look" if blocking else "act",
-        "certain": not blocking, "max_std": limit, "links": asked, "blocking": blocking, "views": [],
-    }  # fmt: skip
+        "session_id": session.id,
+        "iteration": made.iteration,
+        "action": "look" if blocking else "act",
+        "certain": not blocking,
+        "max_std": limit,
+        "links": asked,
+        "blocking": blocking,
+        "views": [],
+    }
 
 
 @router.get(

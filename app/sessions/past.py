@@ -202,6 +202,10 @@ class Past:
     def _read(self, iteration: int) -> Snapshot:
         report, row = self._history.report(iteration)
         return snapshot(
-            self.problem(iteration), report, converged=row["converged"], elapsed=row["elapsed"], event=row["event"],
+            self.problem(iteration),
+            report,
+            converged=row["converged"],
+            elapsed=row["elapsed"],
+            event=row["event"],
             **self._options(),
-        )  # fmt: skip
+        )

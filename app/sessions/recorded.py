@@ -145,6 +145,10 @@ def _prior_members(prior: UniformPrior | GaussianPrior) -> dict[str, Any]:
         return {"kind": "uniform", "orientation": prior.orientation}
     joints = {name: {"position": position, "std": std} for name, (position, std) in prior.joints.items()}
     return {
-        "kind": "gaussian", "link": prior.link, "pose": pose_members(prior.pose_world_link),
-        "std_xyz": prior.std_xyz.tolist(), "std_rpy": prior.std_rpy.tolist(), "joints": joints,
-    }  # fmt: skip
+        "kind": "gaussian",
+        "link": prior.link,
+        "pose": pose_members(prior.pose_world_link),
+        "std_xyz": prior.std_xyz.tolist(),
+        "std_rpy": prior.std_rpy.tolist(),
+        "joints": joints,
+    }

@@ -134,9 +134,13 @@ class RecordedHistory:
             except RecordingError:
                 break  # thinned out
         return snapshot(
-            problem, report, converged=engine.converged(recent, problem), elapsed=recording.seconds(iteration),
-            event=event_of(iteration), **self._options(),
-        ).row  # fmt: skip
+            problem,
+            report,
+            converged=engine.converged(recent, problem),
+            elapsed=recording.seconds(iteration),
+            event=event_of(iteration),
+            **self._options(),
+        ).row
 
     def _told(self, recording: Recording, last: int) -> dict[int, Row]:
         """The rows that are in the file and are such."""

@@ -34,33 +34,58 @@ class Sample:
 SAMPLES = (
     Sample("open", "cabinet", "open", "Sample: a cabinet with an open drawer", "Every drawer is seen well."),
     Sample(
-        "self_occluded", "cabinet", "self_occluded", "Sample: a cabinet that hides a drawer",
+        "self_occluded",
+        "cabinet",
+        "self_occluded",
+        "Sample: a cabinet that hides a drawer",
         "The top drawer hides all but a corner of the second one.",
     ),
     Sample(
-        "arm", "cabinet", "arm", "Sample: a cabinet behind a robot arm",
+        "arm",
+        "cabinet",
+        "arm",
+        "Sample: a cabinet behind a robot arm",
         "An arm stands in front that is no part of the model.",
     ),
     Sample(
-        "blanket", "cabinet", "blanket", "Sample: a cabinet under a blanket", "A cloth covers half of the front.",
+        "blanket",
+        "cabinet",
+        "blanket",
+        "Sample: a cabinet under a blanket",
+        "A cloth covers half of the front.",
     ),
     Sample(
-        "closed", "cabinet", "closed", "Sample: a closed cabinet", "The drawers lie flush: only edges tell them apart.",
+        "closed",
+        "cabinet",
+        "closed",
+        "Sample: a closed cabinet",
+        "The drawers lie flush: only edges tell them apart.",
     ),
     Sample(
-        "from_above", "cabinet", "from_above", "Sample: a cabinet seen from above",
+        "from_above",
+        "cabinet",
+        "from_above",
+        "Sample: a cabinet seen from above",
         "The top drawer hides the others: nobody can tell how far they are open.",
     ),
     Sample("door", "door", "ajar", "Sample: a cupboard with its door ajar", "One hinge, a revolute joint."),
     Sample(
-        "robot", "robot", "scan_0", "Sample: a mobile manipulator",
-        "Twelve links and eleven joints, from a rough prior of the base.", prior=True,
+        "robot",
+        "robot",
+        "scan_0",
+        "Sample: a mobile manipulator",
+        "Twelve links and eleven joints, from a rough prior of the base.",
+        prior=True,
     ),
     Sample(
-        "robot_partial", "robot", "partial", "Sample: a mobile manipulator, seen in part",
-        "Base, torso and head are dark: the sensor measures them in patches only.", prior=True,
+        "robot_partial",
+        "robot",
+        "partial",
+        "Sample: a mobile manipulator, seen in part",
+        "Base, torso and head are dark: the sensor measures them in patches only.",
+        prior=True,
     ),
-)  # fmt: skip
+)
 NAME = SAMPLES[0].name
 
 

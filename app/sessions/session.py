@@ -262,9 +262,13 @@ class Session(Readable):
 
     def _read_out(self, step: Step, problem: Problem, elapsed: float) -> Snapshot:
         return snapshot(
-            problem, step.report, converged=step.converged, elapsed=elapsed, event=self.events.number(),
+            problem,
+            step.report,
+            converged=step.converged,
+            elapsed=elapsed,
+            event=self.events.number(),
             **self._options(),
-        )  # fmt: skip
+        )
 
     def _announce(self, made: Snapshot) -> None:
         self._past.announce(made)

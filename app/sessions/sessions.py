@@ -23,9 +23,17 @@ from app.store.store import Store
 
 # A session as it is asked for, where nothing is said.
 DEFAULTS: Mapping[str, Any] = {
-    "name": None, "method": "pmpnbp", "particles": 400, "iterations": 100, "seed": 0, "roi": None, "prior": None,
-    "config": {}, "max_std": 0.0025, "truth": None,
-}  # fmt: skip
+    "name": None,
+    "method": "pmpnbp",
+    "particles": 400,
+    "iterations": 100,
+    "seed": 0,
+    "roi": None,
+    "prior": None,
+    "config": {},
+    "max_std": 0.0025,
+    "truth": None,
+}
 
 _log = logging.getLogger("pmpnbp.server")
 
@@ -63,17 +71,22 @@ class Sessions:
         if unknown:
             raise HttpProblem(422, f"a session has no {', '.join(sorted(unknown))}")
         document: Document = {
-            "model_id": body["model_id"], "scan_ids": list(dict.fromkeys(body["scan_ids"])), **DEFAULTS, **body,
-            "changes": [], "events": 1,
-        }  # fmt: skip
+            "model_id": body["model_id"],
+            "scan_ids": list(dict.fromkeys(body["scan_ids"])),
+            **DEFAULTS,
+            **body,
+            "changes": [],
+            "events": 1,
+        }
         with self._lock:
             if self._closed:
                 raise HttpProblem(503, "the server is stopping")
             if len(self._sessions) + self._coming >= self._config.max_sessions:
                 raise HttpProblem(
-                    429, f"there are {len(self._sessions)} sessions, the most that are kept; delete one first",
+                    429,
+                    f"there are {len(self._sessions)} sessions, the most that are kept; delete one first",
                     headers={"Retry-After": "60"},
-                )  # fmt: skip
+                )
             self._coming += 1
         try:
             return self._create(document)

@@ -38,9 +38,14 @@ class Snapshot:
     def result(self) -> dict[str, Any]:
         """The members of result.json."""
         return estimation.read_out(
-            self.problem, self.report, self.placed, converged=self.converged, seconds=self.row["elapsed"],
-            max_std=self.max_std, truth=self.truth,
-        )  # fmt: skip
+            self.problem,
+            self.report,
+            self.placed,
+            converged=self.converged,
+            seconds=self.row["elapsed"],
+            max_std=self.max_std,
+            truth=self.truth,
+        )
 
     @cached_property
     def result_text(self) -> bytes:

@@ -249,9 +249,13 @@ class Store:
         id, noun = _new_id(), KINDS[kind]
         ((name, staged),) = files.items()
         document = {
-            "id": id, **members, "created": _now(), "sha256": _sha256(staged), "bytes": staged.stat().st_size,
+            "id": id,
+            **members,
+            "created": _now(),
+            "sha256": _sha256(staged),
+            "bytes": staged.stat().st_size,
             "file": name,
-        }  # fmt: skip
+        }
         partial = self._partial()
         size = landing.land(partial, self.root / kind / id, files, f"{noun}.json", document)
         with self._lock:

@@ -90,13 +90,16 @@ def _model(job: Job, load_model: Callable[[Path], Any]) -> Summary:
     model = load_model(Path(job["path"]))
     joints = [
         {
-            "name": joint.name, "type": joint.kind, "parent": joint.parent, "child": joint.child,
+            "name": joint.name,
+            "type": joint.kind,
+            "parent": joint.parent,
+            "child": joint.child,
             "lower": None if joint.kind == "fixed" else joint.lower,
             "upper": None if joint.kind == "fixed" else joint.upper,
             "mimic": joint.mimic,
         }
         for joint in model.joints
-    ]  # fmt: skip
+    ]
     parts = [{"name": part.name, "links": list(part.links)} for part in model.parts]
     return {"name": model.name, "links": list(model.links), "joints": joints, "parts": parts}
 
@@ -115,13 +118,18 @@ def _scan(job: Job, load_scan: Callable[..., Any], write_scan: Callable[..., Non
         "points": int(valid.sum()),
         "valid_fraction": float(valid.mean()),
         "camera": {
-            "width": camera.width, "height": camera.height,
-            "fx": float(camera.fx), "fy": float(camera.fy), "cx": float(camera.cx), "cy": float(camera.cy),
+            "width": camera.width,
+            "height": camera.height,
+            "fx": float(camera.fx),
+            "fy": float(camera.fy),
+            "cx": float(camera.cx),
+            "cy": float(camera.cy),
             "T_world_camera": poses.to_matrix(camera.pose_world_camera).reshape(-1).tolist(),
-            "frame_id": scan.frame_id, "stamp": scan.stamp,
+            "frame_id": scan.frame_id,
+            "stamp": scan.stamp,
         },
         "bounds": [*points.min(axis=0).tolist(), *points.max(axis=0).tolist()],
-    }  # fmt: skip
+    }
 
 
 def _recording(job: Job, open_recording: Callable[[Path], Any], last_shown: Callable[[Any], int | None]) -> Summary:

@@ -28,11 +28,25 @@ MOST_IDLE = 2
 # What Python and its libraries need of the environment; it may hold secrets that are no upload's business.
 _ENVIRONMENT = frozenset(
     {
-        "PATH", "HOME", "LANG", "LC_ALL", "LC_CTYPE", "TZ", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "VIRTUAL_ENV",
-        "PYTHONHOME", "PYTHONPATH", "PYTHONUTF8", "PYTHONDONTWRITEBYTECODE", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR",
-        "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES",
+        "PATH",
+        "HOME",
+        "LANG",
+        "LC_ALL",
+        "LC_CTYPE",
+        "TZ",
+        "LD_LIBRARY_PATH",
+        "DYLD_LIBRARY_PATH",
+        "VIRTUAL_ENV",
+        "PYTHONHOME",
+        "PYTHONPATH",
+        "PYTHONUTF8",
+        "PYTHONDONTWRITEBYTECODE",
+        "XDG_CACHE_HOME",
+        "NUMBA_CACHE_DIR",
+        "NUMBA_CPU_NAME",
+        "NUMBA_CPU_FEATURES",
     }
-)  # fmt: skip
+)
 
 _log = logging.getLogger("pmpnbp.server")
 

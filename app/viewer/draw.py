@@ -71,44 +71,84 @@ class Drawing:
         scene = self._server.scene
         if isinstance(node, Points):
             return scene.add_point_cloud(
-                node.name, node.points, node.colours, point_size=node.size, point_shape=node.shape,
-                precision="float32" if node.exact else "float16", point_shading="flat",
-            )  # fmt: skip
+                node.name,
+                node.points,
+                node.colours,
+                point_size=node.size,
+                point_shape=node.shape,
+                precision="float32" if node.exact else "float16",
+                point_shading="flat",
+            )
         if isinstance(node, Surface):
             return scene.add_mesh_simple(
-                node.name, node.vertices, node.faces, color=node.colour, opacity=node.opacity,
-                side="double" if node.both_sides else "front", cast_shadow=False, receive_shadow=False,
-                position=node.pose[:3], wxyz=node.pose[3:],
-            )  # fmt: skip
+                node.name,
+                node.vertices,
+                node.faces,
+                color=node.colour,
+                opacity=node.opacity,
+                side="double" if node.both_sides else "front",
+                cast_shadow=False,
+                receive_shadow=False,
+                position=node.pose[:3],
+                wxyz=node.pose[3:],
+            )
         if isinstance(node, Lines):
             return scene.add_line_segments(
-                node.name, node.segments, node.colour, thickness=node.width, thickness_units="screen",
-                position=node.pose[:3], wxyz=node.pose[3:],
-            )  # fmt: skip
+                node.name,
+                node.segments,
+                node.colour,
+                thickness=node.width,
+                thickness_units="screen",
+                position=node.pose[:3],
+                wxyz=node.pose[3:],
+            )
         if isinstance(node, Ellipsoids):
             vertices, faces = _sphere()
             return scene.add_batched_meshes_simple(
-                node.name, vertices, faces, node.turns, node.centres, batched_scales=node.radii,
-                batched_colors=node.colours, batched_opacities=node.opacities, lod="off",
-                cast_shadow=False, receive_shadow=False,
-            )  # fmt: skip
+                node.name,
+                vertices,
+                faces,
+                node.turns,
+                node.centres,
+                batched_scales=node.radii,
+                batched_colors=node.colours,
+                batched_opacities=node.opacities,
+                lod="off",
+                cast_shadow=False,
+                receive_shadow=False,
+            )
         if isinstance(node, Axes):
             return scene.add_batched_axes(
                 node.name, node.poses[:, 3:], node.poses[:, :3], axes_length=node.length, axes_radius=node.length / 28
             )
         if isinstance(node, Frustum):
             return scene.add_camera_frustum(
-                node.name, node.field_of_view, node.aspect, scale=node.size, thickness=1.25, thickness_units="screen",
-                color=node.colour, image=node.image, position=node.pose[:3], wxyz=node.pose[3:], cast_shadow=False,
+                node.name,
+                node.field_of_view,
+                node.aspect,
+                scale=node.size,
+                thickness=1.25,
+                thickness_units="screen",
+                color=node.colour,
+                image=node.image,
+                position=node.pose[:3],
+                wxyz=node.pose[3:],
+                cast_shadow=False,
                 receive_shadow=False,
-            )  # fmt: skip
+            )
         return self._add_handle(node)
 
     def _add_handle(self, node: Handle) -> Any:
         made = self._server.scene.add_transform_controls(
-            node.name, node.size, line_width=3.0, disable_rotations=not node.turns, depth_test=False, opacity=0.9,
-            position=node.pose[:3], wxyz=node.pose[3:],
-        )  # fmt: skip
+            node.name,
+            node.size,
+            line_width=3.0,
+            disable_rotations=not node.turns,
+            depth_test=False,
+            opacity=0.9,
+            position=node.pose[:3],
+            wxyz=node.pose[3:],
+        )
 
         async def moved(event: Any) -> None:  # async: viser keeps the order of a gesture's phases then
             if event.phase == "start":
@@ -154,12 +194,15 @@ _PROPERTIES: dict[type, dict[str, str]] = {
     Surface: {"colour": "color", "opacity": "opacity"},
     Lines: {"segments": "points", "colour": "colors", "width": "thickness"},
     Ellipsoids: {
-        "centres": "batched_positions", "turns": "batched_wxyzs", "radii": "batched_scales",
-        "colours": "batched_colors", "opacities": "batched_opacities",
+        "centres": "batched_positions",
+        "turns": "batched_wxyzs",
+        "radii": "batched_scales",
+        "colours": "batched_colors",
+        "opacities": "batched_opacities",
     },
     Frustum: {"colour": "color", "image": "image", "aspect": "aspect", "field_of_view": "fov", "size": "scale"},
     Handle: {"size": "scale"},
-}  # fmt: skip
+}
 
 
 @cache

@@ -168,9 +168,13 @@ def _ellipsoids(
     covariances = made.placed.covariances[rows, :3, :3]
     turns, radii = ellipsoids(covariances, state.confidence)
     return Ellipsoids(
-        name, part_poses[:, :3].astype(np.float32), turns.astype(np.float32), radii.astype(np.float32),
-        np.array(painted, dtype=np.uint8), _opacities(radii, stage.size),
-    )  # fmt: skip
+        name,
+        part_poses[:, :3].astype(np.float32),
+        turns.astype(np.float32),
+        radii.astype(np.float32),
+        np.array(painted, dtype=np.uint8),
+        _opacities(radii, stage.size),
+    )
 
 
 def _opacities(radii: Array, size: float) -> Floats:

@@ -57,9 +57,12 @@ def default_prior(model: ArticulatedObject, links: Mapping[str, Mapping[str, Any
     """A gaussian prior as prior.json, for the first part's link where the estimate `links` (of result.json) has it."""
     link = model.parts[0].links[0]
     return {
-        "kind": "gaussian", "link": link, "pose": links[link]["pose"],
-        "std_xyz": [STD_XYZ] * 3, "std_rpy": [STD_RPY] * 3,
-    }  # fmt: skip
+        "kind": "gaussian",
+        "link": link,
+        "pose": links[link]["pose"],
+        "std_xyz": [STD_XYZ] * 3,
+        "std_rpy": [STD_RPY] * 3,
+    }
 
 
 def dragged_region(region: Sequence[float], corner: str, position: Array) -> tuple[float, ...]:

@@ -124,9 +124,12 @@ class Painter:
         compared = None if other is None or state.compare is None else self._read(other, state.compare.iteration)
         scans = self._scan_count(made)
         key = (
-            made.row["event"], made.iteration, scans, None if compared is None else compared.row["event"],
+            made.row["event"],
+            made.iteration,
+            scans,
+            None if compared is None else compared.row["event"],
             replace(state, camera=None, hidden=False),
-        )  # fmt: skip
+        )
         self._dress(state)
         if key == self._drawn_key:
             return False

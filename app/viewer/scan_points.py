@@ -75,9 +75,15 @@ def scan_points(scan: Scan) -> ScanPoints:
     by_depth = {theme: _lit(_between(*_NEAR_FAR[theme], tone), shade) for theme in THEMES}
     plain = {theme: _lit(_between(_PLAIN[theme], _PLAIN[theme], tone), shade) for theme in THEMES}
     return ScanPoints(
-        scaled(camera, width, height), depth, measured, points, shade, by_depth, plain,
+        scaled(camera, width, height),
+        depth,
+        measured,
+        points,
+        shade,
+        by_depth,
+        plain,
         {theme: _image(measured, by_depth[theme], theme) for theme in THEMES},
-    )  # fmt: skip
+    )
 
 
 def explained_colours(cloud: ScanPoints, theme: Theme, fit: NDArray[np.uint8]) -> Bytes:

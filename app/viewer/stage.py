@@ -121,10 +121,13 @@ def _clouds(scan: ScanPoints, observation: Observation) -> tuple[Cloud, Cloud]:
 
 def _cloud(scan: ScanPoints, which: NDArray[np.intp], stride: int) -> Cloud:
     return Cloud(
-        which, (np.argwhere(scan.measured)[which] % stride == 0).all(axis=1), stride, scan.points[which],
+        which,
+        (np.argwhere(scan.measured)[which] % stride == 0).all(axis=1),
+        stride,
+        scan.points[which],
         {theme: scan.depth_colours[theme][which] for theme in THEMES},
         {theme: scan.plain_colours[theme][which] for theme in THEMES},
-    )  # fmt: skip
+    )
 
 
 def _shape(part: Part) -> Shape:

@@ -23,9 +23,17 @@ def run(arguments: argparse.Namespace) -> None:
     """Make the experiment; say where its report is. Raises ReproduceError."""
     out = arguments.out or Path("out") / arguments.experiment
     options = Options(
-        out, arguments.runs, arguments.seed, arguments.iterations, arguments.particles, arguments.all, arguments.urdf,
-        arguments.processes, arguments.on, command_line(arguments),
-    )  # fmt: skip
+        out,
+        arguments.runs,
+        arguments.seed,
+        arguments.iterations,
+        arguments.particles,
+        arguments.all,
+        arguments.urdf,
+        arguments.processes,
+        arguments.on,
+        command_line(arguments),
+    )
     try:
         make(arguments.experiment, EXPERIMENTS[arguments.experiment], options)
     except KeyboardInterrupt:

@@ -59,9 +59,14 @@ def write(options: Options, ledger: Ledger) -> None:
     for table in (error_table(found), run_table(found)):
         reports.write_table(options.out, table)
     reports.write_report(
-        options.out, "Convergence", options.command, options.named_seeds,
-        claims(found, ends), [success_section(found), comparison_section(found), alone_section(ends), WHY], pictures,
-    )  # fmt: skip
+        options.out,
+        "Convergence",
+        options.command,
+        options.named_seeds,
+        claims(found, ends),
+        [success_section(found), comparison_section(found), alone_section(ends), WHY],
+        pictures,
+    )
 
 
 def draw_errors(options: Options, scene: str, runs: Mapping[str, Runs], name: str) -> None:
@@ -113,10 +118,19 @@ def error_table(found: Mapping[str, Mapping[str, Runs]]) -> Table:
 def run_table(found: Mapping[str, Mapping[str, Runs]]) -> Table:
     """How every run ended."""
     rows = [
-        [scene, variant, seed, f"{some.seconds[seed, -1]:.4f}", f"{some.add[seed, -1]:.6f}",
-         f"{some.worst[seed, -1]:.6f}", f"{some.worst_at_end[seed]:.6f}"]
-        for scene, runs in found.items() for variant, some in runs.items() for seed in range(len(some.add))
-    ]  # fmt: skip
+        [
+            scene,
+            variant,
+            seed,
+            f"{some.seconds[seed, -1]:.4f}",
+            f"{some.add[seed, -1]:.6f}",
+            f"{some.worst[seed, -1]:.6f}",
+            f"{some.worst_at_end[seed]:.6f}",
+        ]
+        for scene, runs in found.items()
+        for variant, some in runs.items()
+        for seed in range(len(some.add))
+    ]
     header = ["scene", "variant", "run", "seconds", "add_m", "worst_part_m", "worst_part_at_equal_time_m"]
     return Table("runs", header, rows)
 
@@ -138,11 +152,16 @@ def success_section(found: Mapping[str, Mapping[str, Runs]]) -> str:
                 took = f"{seconds:.2f}" if compared == "equal iterations" else "that of robust"
                 rows.append([scene, VARIANTS[variant].title, compared, took, *rates(worst)])
     header = ["scene", "method", "compared at", "seconds", *UNDER]
-    return "\n".join([
-        "## Success", "",
-        "A run succeeds where every part of which at least a tenth is seen is that near (ADD); rates with Wilson's "
-        "95 % interval.", "", markdown(header, rows),
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "## Success",
+            "",
+            "A run succeeds where every part of which at least a tenth is seen is that near (ADD); rates with Wilson's "
+            "95 % interval.",
+            "",
+            markdown(header, rows),
+        ]
+    )
 
 
 def comparison_section(found: Mapping[str, Mapping[str, Runs]]) -> str:
@@ -166,12 +185,17 @@ def comparison_section(found: Mapping[str, Mapping[str, Runs]]) -> str:
 def alone_section(ends: Mapping[str, Array]) -> str:
     """How often each method by itself succeeds."""
     rows = [[VARIANTS[variant].title, *rates(worst)] for variant, worst in ends.items()]
-    return "\n".join([
-        "## Each method by itself", "",
-        "The search before and the whole-object estimate behind are the same for both methods, and do most of the "
-        f"work. Without them, from a prior of {100 * ROUGH[0]:.0f} cm and {ROUGH[1]} degrees per axis with unknown "
-        f"joints, in {ALONE_ITERATIONS} iterations:", "", markdown(["method", *UNDER], rows),
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "## Each method by itself",
+            "",
+            "The search before and the whole-object estimate behind are the same for both methods, and do most of the "
+            f"work. Without them, from a prior of {100 * ROUGH[0]:.0f} cm and {ROUGH[1]} degrees per axis with unknown "
+            f"joints, in {ALONE_ITERATIONS} iterations:",
+            "",
+            markdown(["method", *UNDER], rows),
+        ]
+    )
 
 
 WHY = """## Why the preset `paper` does not find the object
@@ -183,8 +207,11 @@ departure that the preset `robust` makes, and what it changes, measured."""
 
 def claims(found: Mapping[str, Mapping[str, Runs]], ends: Mapping[str, Array]) -> list[Claim]:
     """What the paper says of its convergence figure."""
-    return [*(_converges(found, variant) for variant in ("paper", "robust")),
-            *(_beats_filter(found, variant) for variant in ("paper", "robust")), _beats_filter_alone(ends)]  # fmt: skip
+    return [
+        *(_converges(found, variant) for variant in ("paper", "robust")),
+        *(_beats_filter(found, variant) for variant in ("paper", "robust")),
+        _beats_filter_alone(ends),
+    ]
 
 
 def _converges(found: Mapping[str, Mapping[str, Runs]], variant: str) -> Claim:

@@ -45,8 +45,12 @@ def scenes(options: Options) -> Sequence[str]:
 
 def belief_propagation(options: Options, _: Ledger) -> list[Asked]:
     """Both presets of PMPNBP."""
-    return [_asked(options, scene, variant, seed) for scene in scenes(options) for variant in ("robust", "paper")
-            for seed in options.seeds]  # fmt: skip
+    return [
+        _asked(options, scene, variant, seed)
+        for scene in scenes(options)
+        for variant in ("robust", "paper")
+        for seed in options.seeds
+    ]
 
 
 def particle_filter(options: Options, ledger: Ledger) -> list[Asked]:
@@ -64,19 +68,35 @@ def alone(options: Options, _: Ledger) -> list[Asked]:
     """Both methods without search and whole-object estimate."""
     metres, degrees = ROUGH
     return [
-        asked_of(scene, variant, seed, particles=options.particles or PARTICLES, prior=True, metres=metres,
-                 degrees=degrees, iterations=min(iterations(options), ALONE_ITERATIONS))
-        for scene in scenes(options) for variant in ALONE for seed in options.seeds
-    ]  # fmt: skip
+        asked_of(
+            scene,
+            variant,
+            seed,
+            particles=options.particles or PARTICLES,
+            prior=True,
+            metres=metres,
+            degrees=degrees,
+            iterations=min(iterations(options), ALONE_ITERATIONS),
+        )
+        for scene in scenes(options)
+        for variant in ALONE
+        for seed in options.seeds
+    ]
 
 
 def _asked(options: Options, scene: str, variant: str, seed: int, budget: float = 0.0) -> Asked:
     known: dict[str, Any] = {"prior": True, "metres": 0.10, "degrees": 10.0} if scene.startswith("robot/") else {}
     keep = [0, iterations(options)] if seed == options.seed else []
     return asked_of(
-        scene, variant, seed, particles=options.particles or PARTICLES, iterations=iterations(options), keep=keep,
-        budget=budget, **known,
-    )  # fmt: skip
+        scene,
+        variant,
+        seed,
+        particles=options.particles or PARTICLES,
+        iterations=iterations(options),
+        keep=keep,
+        budget=budget,
+        **known,
+    )
 
 
 @dataclass(frozen=True)

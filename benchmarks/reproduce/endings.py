@@ -68,10 +68,15 @@ def endings(asked: Sequence[Asked], ledger: Ledger) -> Endings:
 
     first = results[0]
     return Endings(
-        tuple(one["seed"] for one in asked), tuple(first["parts"]), np.array(first["shares"]),
-        np.array(first["judged"]), at_end("add"), at_end("std"), at_end("seconds"),
+        tuple(one["seed"] for one in asked),
+        tuple(first["parts"]),
+        np.array(first["shares"]),
+        np.array(first["judged"]),
+        at_end("add"),
+        at_end("std"),
+        at_end("seconds"),
         tuple(result["at_rest"] for result in results),
-    )  # fmt: skip
+    )
 
 
 def given_the_scan(asked: Sequence[Asked], ledger: Ledger) -> Endings:
@@ -98,10 +103,19 @@ def taken(some: Endings) -> str:
 def part_table(found: Mapping[str, Endings]) -> Table:
     """How every part was found in every run."""
     rows = [
-        [name, some.seeds[run], some.parts[part], f"{some.shares[part]:.4f}", "no" if some.judged[part] else "yes",
-         f"{some.add[run, part]:.6f}", f"{some.std[run, part]:.6f}"]
-        for name, some in found.items() for run in range(len(some.add)) for part in range(len(some.parts))
-    ]  # fmt: skip
+        [
+            name,
+            some.seeds[run],
+            some.parts[part],
+            f"{some.shares[part]:.4f}",
+            "no" if some.judged[part] else "yes",
+            f"{some.add[run, part]:.6f}",
+            f"{some.std[run, part]:.6f}",
+        ]
+        for name, some in found.items()
+        for run in range(len(some.add))
+        for part in range(len(some.parts))
+    ]
     return Table("parts", ["case", "seed", "part", "visible_share", "hidden", "add_m", "std_m"], rows)
 
 
@@ -111,14 +125,24 @@ def part_section(found: Mapping[str, Endings], spread: str = OF_PARTICLES) -> st
     for name, some in found.items():
         for part, title in enumerate(some.parts):
             errors = some.add[:, part]
-            rows.append([
-                name, title, f"{100 * some.shares[part]:.0f} %" + ("" if some.judged[part] else ", **hidden**"),
-                f"{100 * np.median(errors):.2f}", *rates(errors), f"{1000 * np.median(some.std[:, part]):.1f}",
-            ])  # fmt: skip
+            rows.append(
+                [
+                    name,
+                    title,
+                    f"{100 * some.shares[part]:.0f} %" + ("" if some.judged[part] else ", **hidden**"),
+                    f"{100 * np.median(errors):.2f}",
+                    *rates(errors),
+                    f"{1000 * np.median(some.std[:, part]):.1f}",
+                ]
+            )
     header = ["scene", "part", "seen", "median ADD (cm)", *UNDER, "median of the largest std (mm)"]
-    return "\n".join([
-        "## Part by part", "",
-        "Rates with Wilson's 95 % interval; hidden is a part of which less than a tenth is seen. The standard "
-        f"deviation is that of the belief's position along the axis on which it is largest; {spread}.", "",
-        markdown(header, rows),
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            "## Part by part",
+            "",
+            "Rates with Wilson's 95 % interval; hidden is a part of which less than a tenth is seen. The standard "
+            f"deviation is that of the belief's position along the axis on which it is largest; {spread}.",
+            "",
+            markdown(header, rows),
+        ]
+    )

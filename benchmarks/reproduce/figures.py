@@ -36,9 +36,13 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 COLUMN, DPI = 3.4, 220
 # Colours that stay apart whatever one's colour vision (Okabe and Ito 2008), with a stroke each for print in grey.
 STROKES: Mapping[str, tuple[str, str]] = {
-    "robust": ("#0072B2", "-"), "paper": ("#D55E00", "--"), "filter": ("#000000", ":"),
-    "pull": ("#0072B2", "-"), "push": ("#D55E00", "--"), "threshold": ("#777777", "-."),
-}  # fmt: skip
+    "robust": ("#0072B2", "-"),
+    "paper": ("#D55E00", "--"),
+    "filter": ("#000000", ":"),
+    "pull": ("#0072B2", "-"),
+    "push": ("#D55E00", "--"),
+    "threshold": ("#777777", "-."),
+}
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 # Pixels across of a picture of a scene.
 ACROSS = 640
@@ -48,12 +52,26 @@ TURN, DISTANCE = 55.0, 2.3
 # What is left around an object on either side, in its own size.
 AROUND = 0.2
 
-plt.rcParams.update({
-    "font.size": 8, "axes.titlesize": 8, "axes.labelsize": 8, "xtick.labelsize": 7, "ytick.labelsize": 7,
-    "legend.fontsize": 7, "legend.frameon": False, "axes.spines.top": False, "axes.spines.right": False,
-    "axes.linewidth": 0.6, "lines.linewidth": 1.2, "axes.grid": True, "grid.linewidth": 0.3, "grid.color": "#d0d0d0",
-    "figure.constrained_layout.use": True, "savefig.dpi": DPI,
-})  # fmt: skip
+plt.rcParams.update(
+    {
+        "font.size": 8,
+        "axes.titlesize": 8,
+        "axes.labelsize": 8,
+        "xtick.labelsize": 7,
+        "ytick.labelsize": 7,
+        "legend.fontsize": 7,
+        "legend.frameon": False,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.linewidth": 0.6,
+        "lines.linewidth": 1.2,
+        "axes.grid": True,
+        "grid.linewidth": 0.3,
+        "grid.color": "#d0d0d0",
+        "figure.constrained_layout.use": True,
+        "savefig.dpi": DPI,
+    }
+)
 
 
 def panels(rows: int, columns: int, height: float, **more: Any) -> tuple[Figure, Any]:
@@ -179,8 +197,9 @@ def draw_ellipsoids(axes: Axes, scan: Scan, part_poses: Array, covariances: Arra
     middles = poses.transform_points(pose_camera_world, part_poses[:, :3])
     for (x, y, z), covariance, colour in zip(middles, covariances, part_colours(len(middles)), strict=True):
         # of the camera's projection at the middle, its Jacobian
-        slope = np.array([[scan.camera.fx / z, 0, -scan.camera.fx * x / z**2],
-                          [0, scan.camera.fy / z, -scan.camera.fy * y / z**2]])  # fmt: skip
+        slope = np.array(
+            [[scan.camera.fx / z, 0, -scan.camera.fx * x / z**2], [0, scan.camera.fy / z, -scan.camera.fy * y / z**2]]
+        )
         variances, main = np.linalg.eigh(slope @ turn @ covariance @ turn.T @ slope.T)
         wide = 2 * scale * radius_scale(share) * np.sqrt(np.maximum(variances, 0.0))
         at = scan.camera.project(np.array([x, y, z]))[:2] * scale

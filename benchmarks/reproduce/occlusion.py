@@ -37,12 +37,17 @@ def asked(options: Options, _: Ledger | None = None) -> list[Asked]:
 def _asked(options: Options, scene: str) -> list[Asked]:
     return [
         asked_of(
-            scene, "robust", seed, particles=options.particles or PARTICLES,
-            iterations=options.iterations or ITERATIONS, stop_at_rest=True, posterior=True,
+            scene,
+            "robust",
+            seed,
+            particles=options.particles or PARTICLES,
+            iterations=options.iterations or ITERATIONS,
+            stop_at_rest=True,
+            posterior=True,
             keep=[LAST] if seed == options.seed else [],
         )
         for seed in options.seeds
-    ]  # fmt: skip
+    ]
 
 
 def write(options: Options, ledger: Ledger) -> None:
@@ -65,8 +70,9 @@ def write(options: Options, ledger: Ledger) -> None:
         reports.write_table(options.out, table)
     claims = [
         *(accurate(scene, some) for scene, some in found.items()),
-        spread_where_hidden(found, "its particles"), spread_where_hidden(drawn, "draws given the scan"),
-    ]  # fmt: skip
+        spread_where_hidden(found, "its particles"),
+        spread_where_hidden(drawn, "draws given the scan"),
+    ]
     reports.write_report(
         options.out,
         "Occlusion",
@@ -110,10 +116,16 @@ def accurate(scene: str, some: Endings) -> Claim:
 def open_section(found: Mapping[str, Endings], drawn: Mapping[str, Endings]) -> str:
     """How wide the belief is beside what the scan leaves open."""
     rows = [
-        [scene, title, f"{100 * some.shares[part]:.0f} %", f"{1000 * np.median(some.std[:, part]):.1f}",
-         f"{1000 * np.median(drawn[scene].std[:, part]):.1f}"]
-        for scene, some in found.items() for part, title in enumerate(some.parts)
-    ]  # fmt: skip
+        [
+            scene,
+            title,
+            f"{100 * some.shares[part]:.0f} %",
+            f"{1000 * np.median(some.std[:, part]):.1f}",
+            f"{1000 * np.median(drawn[scene].std[:, part]):.1f}",
+        ]
+        for scene, some in found.items()
+        for part, title in enumerate(some.parts)
+    ]
     told = (
         "The largest standard deviation of each part's position, median of the runs, in millimetres: of the belief's "
         'particles, and of draws from the posterior of the whole object given the scan (docs/algorithm.md, "How sure '

@@ -80,12 +80,20 @@ def _asked(options: Options, way: str, stage: Stage) -> list[Asked]:
     variant, known = WAYS[way].variant, WAYS[way].known
     return [
         asked_of(
-            stage.scene, variant, seed, particles=options.particles or PARTICLES,
-            iterations=options.iterations or ITERATIONS, prior=bool(known), **known, views=list(stage.views),
-            stop_at_rest=True, posterior=variant == "robust", keep=[LAST] if seed == options.seed else [],
+            stage.scene,
+            variant,
+            seed,
+            particles=options.particles or PARTICLES,
+            iterations=options.iterations or ITERATIONS,
+            prior=bool(known),
+            **known,
+            views=list(stage.views),
+            stop_at_rest=True,
+            posterior=variant == "robust",
+            keep=[LAST] if seed == options.seed else [],
         )
         for seed in options.seeds
-    ]  # fmt: skip
+    ]
 
 
 def write(options: Options, ledger: Ledger) -> None:
@@ -181,11 +189,20 @@ def part_table(found: Mapping[str, Mapping[str, Endings]]) -> Table:
 def stage_table(found: Mapping[str, Mapping[str, Endings]]) -> Table:
     """What was decided in every run."""
     rows = [
-        [key, name, seed, f"{std_of_task(some)[run]:.6f}", "act" if acts(some)[run] else "look again",
-         f"{some.add[run, some.parts.index(TASK)]:.6f}", int(some.certain(MAX_STD)[run].sum()),
-         f"{some.seconds[run]:.4f}"]
-        for key, by in found.items() for name, some in by.items() for run, seed in enumerate(some.seeds)
-    ]  # fmt: skip
+        [
+            key,
+            name,
+            seed,
+            f"{std_of_task(some)[run]:.6f}",
+            "act" if acts(some)[run] else "look again",
+            f"{some.add[run, some.parts.index(TASK)]:.6f}",
+            int(some.certain(MAX_STD)[run].sum()),
+            f"{some.seconds[run]:.4f}",
+        ]
+        for key, by in found.items()
+        for name, some in by.items()
+        for run, seed in enumerate(some.seeds)
+    ]
     header = ["method", "stage", "seed", "task_std_m", "decision", "task_add_m", "certain_parts", "seconds"]
     return Table("decisions", header, rows)
 
@@ -206,24 +223,40 @@ def decision_section(found: Mapping[str, Mapping[str, Endings]]) -> str:
     for key, by in found.items():
         for name, some in by.items():
             std, off = std_of_task(some), some.add[:, some.parts.index(TASK)]
-            rows.append([
-                WAYS[key].title, STAGES[name].title, "act" if STAGES[name].acts else "look again",
-                rate(int(acts(some).sum()), len(std)), f"{1000 * np.median(std):.1f}", f"{1000 * np.median(off):.1f}",
-                errors_of(some.add[some.certain(MAX_STD)]),
-            ])  # fmt: skip
+            rows.append(
+                [
+                    WAYS[key].title,
+                    STAGES[name].title,
+                    "act" if STAGES[name].acts else "look again",
+                    rate(int(acts(some).sum()), len(std)),
+                    f"{1000 * np.median(std):.1f}",
+                    f"{1000 * np.median(off):.1f}",
+                    errors_of(some.add[some.certain(MAX_STD)]),
+                ]
+            )
     header = [
-        "way to tell", "stage", "the paper's robot", "acts", f"median std of {TASK} (mm)", "its median ADD (mm)",
+        "way to tell",
+        "stage",
+        "the paper's robot",
+        "acts",
+        f"median std of {TASK} (mm)",
+        "its median ADD (mm)",
         "ADD of all parts that are certain",
-    ]  # fmt: skip
-    return "\n".join([
-        "## Decisions", "",
-        f"{TASK} is to be opened. The robot acts where the standard deviation of its position is at most "
-        f"{100 * MAX_STD:.2f} cm along each axis. That of the belief's particles follows the algorithm's own "
-        "diffusion; that of draws given the scan is of the posterior of the whole object, sampled by Markov chains "
-        "(docs/algorithm.md, \"How sure one can be\").", "",
-        markdown(header, rows), "",
-        *(parting(key, by) for key, by in found.items()),
-    ])  # fmt: skip
+    ]
+    return "\n".join(
+        [
+            "## Decisions",
+            "",
+            f"{TASK} is to be opened. The robot acts where the standard deviation of its position is at most "
+            f"{100 * MAX_STD:.2f} cm along each axis. That of the belief's particles follows the algorithm's own "
+            "diffusion; that of draws given the scan is of the posterior of the whole object, sampled by Markov chains "
+            '(docs/algorithm.md, "How sure one can be").',
+            "",
+            markdown(header, rows),
+            "",
+            *(parting(key, by) for key, by in found.items()),
+        ]
+    )
 
 
 def errors_of(errors: Array) -> str:

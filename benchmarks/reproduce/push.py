@@ -53,10 +53,17 @@ def _warm() -> None:
 def every_run(options: Options, _: Ledger) -> list[Asked]:
     """Both methods on the same pictures, with every number of components."""
     return [
-        {"method": method, "components": components, "seed": seed, "clutter": CLUTTER,
-         "iterations": options.iterations or ITERATIONS}
-        for components in _components(options) for seed in options.seeds for method in planar.METHODS
-    ]  # fmt: skip
+        {
+            "method": method,
+            "components": components,
+            "seed": seed,
+            "clutter": CLUTTER,
+            "iterations": options.iterations or ITERATIONS,
+        }
+        for components in _components(options)
+        for seed in options.seeds
+        for method in planar.METHODS
+    ]
 
 
 def _components(options: Options) -> tuple[int, ...]:
@@ -121,9 +128,11 @@ def gathered(options: Options, ledger: Ledger) -> Found:
                 [one for one in asked if (one["method"], one["components"]) == (method, components)]
             )
             by_components[components] = Runs(
-                np.array([result["errors"] for result in results]), np.array([result["seconds"] for result in results]),
-                results[0]["unary"], results[0]["pairs"],
-            )  # fmt: skip
+                np.array([result["errors"] for result in results]),
+                np.array([result["seconds"] for result in results]),
+                results[0]["unary"],
+                results[0]["pairs"],
+            )
     return found
 
 
@@ -141,9 +150,14 @@ def write(options: Options, ledger: Ledger) -> None:
         "components.png": "Final error with its 0.95 interval, and seconds of an iteration, over the components.",
     }
     reports.write_report(
-        options.out, "Pull against push", options.command, options.named_seeds,
-        claims(found), [table_section(found), growth_section(found)], captions,
-    )  # fmt: skip
+        options.out,
+        "Pull against push",
+        options.command,
+        options.named_seeds,
+        claims(found),
+        [table_section(found), growth_section(found)],
+        captions,
+    )
 
 
 def draw_scene(options: Options, ledger: Ledger, name: str) -> None:
@@ -152,8 +166,11 @@ def draw_scene(options: Options, ledger: Ledger, name: str) -> None:
     figure, axes = figures.panels(1, 3, 1.55)
     figures.beside(axes[0, 0], 1.0 - 0.75 * np.repeat(seen.picture[..., None], 3, axis=2), "picture")
     most = max(_components(options))
-    asked = {one["method"]: one for one in every_run(options, ledger)
-             if one["seed"] == options.seed and one["components"] == most}  # fmt: skip
+    asked = {
+        one["method"]: one
+        for one in every_run(options, ledger)
+        if one["seed"] == options.seed and one["components"] == most
+    }
     for place, method in enumerate(planar.METHODS, start=1):
         (result,) = ledger.results([asked[method]])
         faint = 1.0 - 0.25 * np.repeat(seen.picture[..., None], 3, axis=2)
@@ -171,9 +188,15 @@ def draw_time(options: Options, found: Found, name: str) -> None:
         for components, marker in zip(by_components, figures.MARKERS, strict=False):
             runs = by_components[components]
             axes[0, 0].plot(
-                runs.spent, runs.mean_error.mean(axis=0), stroke, color=colour, marker=marker, markersize=3,
-                markevery=6, label=f"{method}, M = {components}",
-            )  # fmt: skip
+                runs.spent,
+                runs.mean_error.mean(axis=0),
+                stroke,
+                color=colour,
+                marker=marker,
+                markersize=3,
+                markevery=6,
+                label=f"{method}, M = {components}",
+            )
     axes[0, 0].set(xlabel="computing time (s)", ylabel="mean error (pixels)", xscale="log")
     figures.errors_in(axes[0, 0], 4.0)
     axes[0, 0].set_yticks([5, 10, 20, 50, 100])
@@ -190,8 +213,14 @@ def draw_components(options: Options, found: Found, name: str) -> None:
         sizes = np.array(list(by_components))
         ends = np.array([mean_interval(runs.final) for runs in by_components.values()]).T
         figures.band(axes[0, 0], sizes, ends, method, TITLES[method])
-        axes[1, 0].plot(sizes, [1000 * runs.iteration_seconds for runs in by_components.values()], stroke,
-                        color=colour, marker="o", markersize=3)  # fmt: skip
+        axes[1, 0].plot(
+            sizes,
+            [1000 * runs.iteration_seconds for runs in by_components.values()],
+            stroke,
+            color=colour,
+            marker="o",
+            markersize=3,
+        )
     axes[0, 0].set(xlabel="components M", ylabel="mean error (pixels)", xscale="log", ylim=(0, None))
     axes[1, 0].set(xlabel="components M", ylabel="an iteration (ms)", xscale="log", yscale="log")
     figures.plain(axes[1, 0].yaxis)
@@ -208,13 +237,34 @@ def component_table(found: Found) -> Table:
     for method, by_components in found.items():
         for components, runs in by_components.items():
             mean, low, high = mean_interval(runs.final)
-            rows.append([
-                method, components, len(runs.errors), f"{mean:.3f}", f"{low:.3f}", f"{high:.3f}",
-                f"{runs.nodes_found.mean():.4f}", runs.successes, f"{1000 * runs.iteration_seconds:.4f}",
-                runs.unary, runs.pairs,
-            ])  # fmt: skip
-    header = ["method", "components", "runs", "error_px", "low_px", "high_px", "nodes_found", "successes",
-              "iteration_ms", "unary_evaluations", "pair_evaluations"]  # fmt: skip
+            rows.append(
+                [
+                    method,
+                    components,
+                    len(runs.errors),
+                    f"{mean:.3f}",
+                    f"{low:.3f}",
+                    f"{high:.3f}",
+                    f"{runs.nodes_found.mean():.4f}",
+                    runs.successes,
+                    f"{1000 * runs.iteration_seconds:.4f}",
+                    runs.unary,
+                    runs.pairs,
+                ]
+            )
+    header = [
+        "method",
+        "components",
+        "runs",
+        "error_px",
+        "low_px",
+        "high_px",
+        "nodes_found",
+        "successes",
+        "iteration_ms",
+        "unary_evaluations",
+        "pair_evaluations",
+    ]
     return Table("components", header, rows)
 
 
@@ -222,9 +272,10 @@ def iteration_table(found: Found) -> Table:
     """Mean error and median seconds spent, iteration by iteration."""
     rows = [
         [method, components, k + 1, f"{spent:.5f}", f"{error:.3f}"]
-        for method, by_components in found.items() for components, runs in by_components.items()
+        for method, by_components in found.items()
+        for components, runs in by_components.items()
         for k, (spent, error) in enumerate(zip(runs.spent, runs.mean_error.mean(axis=0), strict=True))
-    ]  # fmt: skip
+    ]
     return Table("iterations", ["method", "components", "iteration", "seconds", "error_px"], rows)
 
 
@@ -234,13 +285,26 @@ def table_section(found: Found) -> str:
     for method, by_components in found.items():
         for components, runs in by_components.items():
             mean, low, high = mean_interval(runs.final)
-            rows.append([
-                TITLES[method], components, f"{mean:.1f} ({low:.1f} to {high:.1f})",
-                f"{100 * runs.nodes_found.mean():.0f} %", rate(runs.successes, len(runs.errors)),
-                f"{1000 * runs.iteration_seconds:.1f}", f"{runs.run_seconds:.2f}",
-            ])  # fmt: skip
-    header = ["method", "M", "mean error (pixels, 95 %)", f"nodes within {FOUND:.0f} pixels", "runs with seven of nine",
-              "ms an iteration", "s a run"]  # fmt: skip
+            rows.append(
+                [
+                    TITLES[method],
+                    components,
+                    f"{mean:.1f} ({low:.1f} to {high:.1f})",
+                    f"{100 * runs.nodes_found.mean():.0f} %",
+                    rate(runs.successes, len(runs.errors)),
+                    f"{1000 * runs.iteration_seconds:.1f}",
+                    f"{runs.run_seconds:.2f}",
+                ]
+            )
+    header = [
+        "method",
+        "M",
+        "mean error (pixels, 95 %)",
+        f"nodes within {FOUND:.0f} pixels",
+        "runs with seven of nine",
+        "ms an iteration",
+        "s a run",
+    ]
     return "\n".join(["## By number of components", "", markdown(header, rows)])
 
 
@@ -279,8 +343,9 @@ def claims(found: Found) -> list[Claim]:
     fitting = [(size, _best_within(pull, push[size].run_seconds)) for size in push]
     times = [
         (push[size], pull[best], f"of push with M = {size} against pull with {best}")
-        for size, best in fitting if best is not None
-    ]  # fmt: skip
+        for size, best in fitting
+        if best is not None
+    ]
     return [
         cheaper,
         _more_accurate("With as many components the pull form is the more accurate", sizes),

@@ -46,12 +46,17 @@ def asked(options: Options) -> list[Asked]:
         known |= {"urdf": str(options.urdf.resolve()), "digest": digest}
     return [
         asked_of(
-            SCENE if options.urdf is None else str(_rendered(options)), "robust", seed,
-            particles=options.particles or PARTICLES, iterations=iterations(options),
-            stop_at_rest=seed != options.seed, keep=[1, iterations(options)] if seed == options.seed else [], **known,
+            SCENE if options.urdf is None else str(_rendered(options)),
+            "robust",
+            seed,
+            particles=options.particles or PARTICLES,
+            iterations=iterations(options),
+            stop_at_rest=seed != options.seed,
+            keep=[1, iterations(options)] if seed == options.seed else [],
+            **known,
         )
         for seed in options.seeds
-    ]  # fmt: skip
+    ]
 
 
 def iterations(options: Options) -> int:
@@ -97,9 +102,16 @@ def draw_errors(options: Options, parts: tuple[str, ...], errors: Array) -> None
     marked = np.unique(np.round(np.geomspace(1, len(at), 12)).astype(int)) - 1
     for part, (title, colour) in enumerate(zip(parts, part_colours(len(parts)), strict=True)):
         axes[0, 0].plot(
-            at, median[1:, part], color=np.array(colour) / 255, marker=figures.MARKERS[part % len(figures.MARKERS)],
-            markevery=marked.tolist(), markersize=4, markeredgecolor=INK, markeredgewidth=0.3, label=title,
-        )  # fmt: skip
+            at,
+            median[1:, part],
+            color=np.array(colour) / 255,
+            marker=figures.MARKERS[part % len(figures.MARKERS)],
+            markevery=marked.tolist(),
+            markersize=4,
+            markeredgecolor=INK,
+            markeredgewidth=0.3,
+            label=title,
+        )
     axes[0, 0].set(xlabel="iteration", ylabel="ADD (cm), median over the runs", xscale="log")
     figures.plain(axes[0, 0].xaxis)
     figures.errors_in(axes[0, 0])
@@ -131,18 +143,24 @@ def error_table(parts: tuple[str, ...], errors: Array) -> Table:
     values = (np.median(errors, axis=0), errors.min(axis=0), errors.max(axis=0))
     rows = [
         [iteration, title, *(f"{value[iteration, part]:.6f}" for value in values)]
-        for iteration in range(errors.shape[1]) for part, title in enumerate(parts)
-    ]  # fmt: skip
+        for iteration in range(errors.shape[1])
+        for part, title in enumerate(parts)
+    ]
     return Table("errors", ["iteration", "part", "median_add_m", "least_add_m", "largest_add_m"], rows)
 
 
 def run_table(some: Endings) -> Table:
     """How every run ended; the iteration at rest is empty where it did not come to rest."""
     rows = [
-        [seed, f"{some.seconds[run]:.4f}", "" if some.at_rest[run] is None else some.at_rest[run],
-         f"{some.add[run, some.judged].mean():.6f}", f"{some.add[run, some.judged].max():.6f}"]
+        [
+            seed,
+            f"{some.seconds[run]:.4f}",
+            "" if some.at_rest[run] is None else some.at_rest[run],
+            f"{some.add[run, some.judged].mean():.6f}",
+            f"{some.add[run, some.judged].max():.6f}",
+        ]
         for run, seed in enumerate(some.seeds)
-    ]  # fmt: skip
+    ]
     return Table("runs", ["seed", "seconds", "at_rest", "mean_add_m", "worst_part_m"], rows)
 
 

@@ -94,9 +94,13 @@ def perform(asked: Asked) -> Result:
     rows: list[tuple[float, Array, Array]] = []
     kept: dict[str, Any] = {}
     for made in timed(
-        case, _prior(case, asked), variant.settings,
-        seed=asked["seed"], particles=asked["particles"], method=variant.method,
-    ):  # fmt: skip
+        case,
+        _prior(case, asked),
+        variant.settings,
+        seed=asked["seed"],
+        particles=asked["particles"],
+        method=variant.method,
+    ):
         report, placed = made.report, place(made.problem, made.report)
         rows.append((made.seconds, case.errors(report.mle), _std(case, placed.std_xyz)))
         if report.iteration in keep:

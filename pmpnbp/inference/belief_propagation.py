@@ -71,9 +71,19 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     root, joints, mle, score = improve(rng, problem, state, belief, plan)
     new = State(number, belief, kept, root, joints)
     report = IterationReport(
-        number, "refine" if refining else "belief propagation", belief, messages, shares, temperature, plan.tolerance,
-        effective, mle, joints, score, time.perf_counter() - began,
-    )  # fmt: skip
+        number,
+        "refine" if refining else "belief propagation",
+        belief,
+        messages,
+        shares,
+        temperature,
+        plan.tolerance,
+        effective,
+        mle,
+        joints,
+        score,
+        time.perf_counter() - began,
+    )
     return new, report
 
 
@@ -117,9 +127,12 @@ def _diffuse(rng: np.random.Generator, part_poses: Array, centres: Array, plan: 
     noise = rng.standard_normal((len(flat), 6))
     out = np.empty_like(flat)
     kinematics.perturb(
-        flat, plan.diffusion_position * noise[:, :3], plan.diffusion_rotation * noise[:, 3:],
-        np.repeat(centres, part_poses.shape[1], axis=0), out,
-    )  # fmt: skip
+        flat,
+        plan.diffusion_position * noise[:, :3],
+        plan.diffusion_rotation * noise[:, 3:],
+        np.repeat(centres, part_poses.shape[1], axis=0),
+        out,
+    )
     return out.reshape(part_poses.shape)
 
 
@@ -177,10 +190,16 @@ def _messages(
         if jobs:
             into, feed = np.array(jobs).T
             sums = neighbour_sums(
-                mrf.table, mrf.edge[into], into % 2 == 1, received[into], previous.poses[feed],
-                previous.log_weights[feed], form=settings.pairwise_form,
-                sigma_position=plan.sigma_position, sigma_orientation=plan.sigma_orientation,
-            )  # fmt: skip
+                mrf.table,
+                mrf.edge[into],
+                into % 2 == 1,
+                received[into],
+                previous.poses[feed],
+                previous.log_weights[feed],
+                form=settings.pairwise_form,
+                sigma_position=plan.sigma_position,
+                sigma_orientation=plan.sigma_orientation,
+            )
             np.add.at(log_neighbour, into, sums)
     best = tempered.argmax(axis=2) if len(mrf.sender) else np.zeros(received.shape[:2], dtype=np.int64)
     joint_draw = np.take_along_axis(axes, best[..., None, None], axis=2)[:, :, 0]
@@ -202,9 +221,14 @@ def _product(
             shares[node, :, place] = factors[message]
             total[node] += factors[message]
     belief = Belief(
-        samples.poses, lw.normalise(total), unary, samples.ancestor, samples.source, samples.neighbour,
+        samples.poses,
+        lw.normalise(total),
+        unary,
+        samples.ancestor,
+        samples.source,
+        samples.neighbour,
         np.zeros(unary.shape, dtype=np.int32),
-    )  # fmt: skip
+    )
     return belief, shares, messages
 
 
@@ -236,12 +260,22 @@ def _pool(
         return values.reshape(-1, *values.shape[2:])[order]
 
     belief = Belief(
-        pooled(samples.poses), log_weights, pooled(unary), pooled(samples.ancestor), pooled(samples.source),
-        pooled(samples.neighbour), np.zeros((mrf.nodes, size), dtype=np.int32),
-    )  # fmt: skip
+        pooled(samples.poses),
+        log_weights,
+        pooled(unary),
+        pooled(samples.ancestor),
+        pooled(samples.source),
+        pooled(samples.neighbour),
+        np.zeros((mrf.nodes, size), dtype=np.int32),
+    )
     if problem.settings.messages_keep_unary:
         messages = Messages(
-            messages.sender, messages.receiver, messages.poses, updated, messages.log_unary, messages.log_neighbour,
+            messages.sender,
+            messages.receiver,
+            messages.poses,
+            updated,
+            messages.log_unary,
+            messages.log_neighbour,
             messages.joint_draw,
-        )  # fmt: skip
+        )
     return belief, shares, messages

@@ -109,10 +109,19 @@ def _searched(rng: np.random.Generator, state: State, problem: Problem) -> tuple
     new = State(number, belief, None, tried.roots[best], tried.joints[best])
     shares = np.full((*belief.log_weights.shape, 0), np.nan)
     report = IterationReport(
-        number, "search", belief, None, shares, np.full(problem.mrf.nodes, temperature), plan.tolerance,
-        lw.effective_sample_size(belief.log_weights), tried.part_poses[best], tried.joints[best],
-        float(whole[ranked[0]]), time.perf_counter() - began,
-    )  # fmt: skip
+        number,
+        "search",
+        belief,
+        None,
+        shares,
+        np.full(problem.mrf.nodes, temperature),
+        plan.tolerance,
+        lw.effective_sample_size(belief.log_weights),
+        tried.part_poses[best],
+        tried.joints[best],
+        float(whole[ranked[0]]),
+        time.perf_counter() - began,
+    )
     return new, report
 
 
@@ -137,9 +146,11 @@ def _settled(
         # a front is not where the back was: each turn is tried in many places near its own
         noise = rng.standard_normal((len(turned) * FLIP_PLACES, 6))
         near = poses.perturb(
-            np.repeat(turned, FLIP_PLACES, axis=0), plan.diffusion_position * noise[:, :3],
-            0.5 * plan.diffusion_rotation * noise[:, 3:], problem.mrf.centres[0],
-        )  # fmt: skip
+            np.repeat(turned, FLIP_PLACES, axis=0),
+            plan.diffusion_position * noise[:, :3],
+            0.5 * plan.diffusion_rotation * noise[:, 3:],
+            problem.mrf.centres[0],
+        )
         parent = np.repeat(np.tile(np.arange(len(centre)), len(turns)), FLIP_PLACES)
         origins = np.full(len(near), FLIP, dtype=np.uint8), finalists.ancestor[parent]
         flips = walk(rng, problem, (near, finalists.joints[parent], *origins), plan)
@@ -277,7 +288,12 @@ def _belief(
         return np.ascontiguousarray(np.broadcast_to(values, (nodes, count)))
 
     return Belief(
-        np.ascontiguousarray(np.swapaxes(members.part_poses, 0, 1)), per_node(log_weights),
-        np.ascontiguousarray(members.unary.T), per_node(members.ancestor), per_node(members.source),
-        np.full((nodes, count), -1, dtype=np.int32), per_node(where), members.joints,
-    ), temperature  # fmt: skip
+        np.ascontiguousarray(np.swapaxes(members.part_poses, 0, 1)),
+        per_node(log_weights),
+        np.ascontiguousarray(members.unary.T),
+        per_node(members.ancestor),
+        per_node(members.source),
+        np.full((nodes, count), -1, dtype=np.int32),
+        per_node(where),
+        members.joints,
+    ), temperature

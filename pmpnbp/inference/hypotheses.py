@@ -42,9 +42,13 @@ class Hypotheses:
     def taken(self, rows: NDArray[np.int64]) -> Hypotheses:
         """Those at `rows`."""
         return Hypotheses(
-            self.roots[rows], self.joints[rows], self.source[rows], self.ancestor[rows], self.unary[rows],
+            self.roots[rows],
+            self.joints[rows],
+            self.source[rows],
+            self.ancestor[rows],
+            self.unary[rows],
             self.part_poses[rows],
-        )  # fmt: skip
+        )
 
     def joined(self, other: Hypotheses) -> Hypotheses:
         """These and then the others."""

@@ -31,10 +31,15 @@ def start(rng: np.random.Generator, problem: Problem) -> State:
 def _unweighted(particles: Array, joints: Array | None) -> Belief:
     shape = particles.shape[:2]
     return Belief(
-        np.ascontiguousarray(particles), np.full(shape, -np.log(shape[1])), np.zeros(shape),
-        np.full(shape, -1, dtype=np.int32), np.full(shape, START, dtype=np.uint8), np.full(shape, -1, dtype=np.int32),
-        np.zeros(shape, dtype=np.int32), joints,
-    )  # fmt: skip
+        np.ascontiguousarray(particles),
+        np.full(shape, -np.log(shape[1])),
+        np.zeros(shape),
+        np.full(shape, -1, dtype=np.int32),
+        np.full(shape, START, dtype=np.uint8),
+        np.full(shape, -1, dtype=np.int32),
+        np.zeros(shape, dtype=np.int32),
+        joints,
+    )
 
 
 def _on_the_scan(rng: np.random.Generator, problem: Problem, shape: tuple[int, ...]) -> Array:

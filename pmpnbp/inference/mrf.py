@@ -60,10 +60,17 @@ class Mrf:
         out = np.empty((*axis_positions.shape[:3], 7))
         # message 2k + 1 is sent by the child, so the way back from its receiver leads to the child
         kinematics.through_joints(
-            np.ascontiguousarray(poses_receiver), self.edge[message], message % 2 == 1,
-            np.ascontiguousarray(axis_positions), self.axis_count, self.before, self.revolute, self.axes, self.after,
+            np.ascontiguousarray(poses_receiver),
+            self.edge[message],
+            message % 2 == 1,
+            np.ascontiguousarray(axis_positions),
+            self.axis_count,
+            self.before,
+            self.revolute,
+            self.axes,
+            self.after,
             out,
-        )  # fmt: skip
+        )
         return out
 
 
@@ -91,11 +98,23 @@ def build(model: ArticulatedObject) -> Mrf:
         [np.linalg.norm(np.ptp(part.mesh.vertices, axis=0)) / 2 if part.visible else 0.05 for part in model.parts]
     )
     return Mrf(
-        model, sender, receiver, np.arange(len(sender), dtype=np.int32) // 2, incoming, feeding, tree,
-        _depth(model, tree), centres, radii,
-        np.array([len(edge.axes) for edge in edges], dtype=np.int64), before, revolute, axes, after,
+        model,
+        sender,
+        receiver,
+        np.arange(len(sender), dtype=np.int32) // 2,
+        incoming,
+        feeding,
+        tree,
+        _depth(model, tree),
+        centres,
+        radii,
+        np.array([len(edge.axes) for edge in edges], dtype=np.int64),
+        before,
+        revolute,
+        axes,
+        after,
         edge_table(edges),
-    )  # fmt: skip
+    )
 
 
 def _tree(model: ArticulatedObject) -> tuple[int, ...]:

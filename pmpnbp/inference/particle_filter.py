@@ -35,10 +35,19 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     belief, temperature = _weighed(problem, *draw(rng, state, problem, plan), plan)
     root, joints, mle, score = improve(rng, problem, state, belief, plan)
     report = IterationReport(
-        number, "particle filter", belief, None, np.full((*belief.log_weights.shape, 0), np.nan),
-        np.full(problem.mrf.nodes, temperature), plan.tolerance, lw.effective_sample_size(belief.log_weights),
-        mle, joints, score, time.perf_counter() - began,
-    )  # fmt: skip
+        number,
+        "particle filter",
+        belief,
+        None,
+        np.full((*belief.log_weights.shape, 0), np.nan),
+        np.full(problem.mrf.nodes, temperature),
+        plan.tolerance,
+        lw.effective_sample_size(belief.log_weights),
+        mle,
+        joints,
+        score,
+        time.perf_counter() - began,
+    )
     return State(number, belief, None, root, joints), report
 
 
@@ -54,9 +63,11 @@ def draw(
     ancestor = lw.systematic(rng, belief.log_weights[0], problem.particles)
     noise = rng.standard_normal((len(ancestor), 6 + model.dof))
     roots = poses.perturb(
-        belief.poses[0, ancestor], plan.diffusion_position * noise[:, :3], plan.diffusion_rotation * noise[:, 3:6],
+        belief.poses[0, ancestor],
+        plan.diffusion_position * noise[:, :3],
+        plan.diffusion_rotation * noise[:, 3:6],
         problem.mrf.centres[0],
-    )  # fmt: skip
+    )
     moved = belief.joint_positions[ancestor] + joint_spreads(problem, plan) * noise[:, 6:]
     return roots, within_limits(moved, model.lower, model.upper, model.wraps), ancestor
 
@@ -76,8 +87,13 @@ def _weighed(
         total = total + problem.log_prior(part_poses[:, problem.prior_node])
     shape = nodes, len(roots)
     belief = Belief(
-        np.ascontiguousarray(np.swapaxes(part_poses, 0, 1)), np.tile(lw.normalise(total), (nodes, 1)),
-        np.tile(unary, (nodes, 1)), np.tile(ancestor.astype(np.int32), (nodes, 1)), np.full(shape, OWN, dtype=np.uint8),
-        np.full(shape, -1, dtype=np.int32), np.zeros(shape, dtype=np.int32), joints,
-    )  # fmt: skip
+        np.ascontiguousarray(np.swapaxes(part_poses, 0, 1)),
+        np.tile(lw.normalise(total), (nodes, 1)),
+        np.tile(unary, (nodes, 1)),
+        np.tile(ancestor.astype(np.int32), (nodes, 1)),
+        np.full(shape, OWN, dtype=np.uint8),
+        np.full(shape, -1, dtype=np.int32),
+        np.zeros(shape, dtype=np.int32),
+        joints,
+    )
     return belief, temperature

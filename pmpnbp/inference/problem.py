@@ -80,9 +80,14 @@ class Problem:
     ) -> Array:
         """log unary potential (before tempering) of parts `node` (B,) at `part_poses` (B, 7)."""
         return unary_scores(
-            self.observation, self.surfaces, node, part_poses, self.score(tolerance),
-            renderer=renderer, points=points or self.settings.splat_points,
-        )  # fmt: skip
+            self.observation,
+            self.surfaces,
+            node,
+            part_poses,
+            self.score(tolerance),
+            renderer=renderer,
+            points=points or self.settings.splat_points,
+        )
 
     def log_prior(self, part_poses: Array) -> Array:
         """log density, up to a constant, of the gaussian prior at poses (..., 7) of `prior_node`."""
@@ -119,9 +124,19 @@ def build(
     for edge in model.edges:
         turns[edge.coordinates] |= edge.revolute
     return Problem(
-        mrf_module.build(model), observation, prepare_surfaces(model, points=max(settings.splat_points, 64)), prior,
-        node, pose, settings, particles, seed, known, turns, method,
-    )  # fmt: skip
+        mrf_module.build(model),
+        observation,
+        prepare_surfaces(model, points=max(settings.splat_points, 64)),
+        prior,
+        node,
+        pose,
+        settings,
+        particles,
+        seed,
+        known,
+        turns,
+        method,
+    )
 
 
 def _narrowed(model: ArticulatedObject, known: dict[int, tuple[float, float]]) -> ArticulatedObject:

@@ -20,10 +20,19 @@ def begin(problem: Problem) -> tuple[State, IterationReport]:
     nodes, particles = state.belief.log_weights.shape
     model = problem.mrf.model
     report = IterationReport(
-        0, "start", state.belief, None, np.full((nodes, particles, 0), np.nan), np.zeros(nodes),
-        problem.settings.tolerance_start, np.full(nodes, float(particles)), state.belief.poses[:, 0],
-        np.clip(0.0, model.lower, model.upper), float("nan"), 0.0,
-    )  # fmt: skip
+        0,
+        "start",
+        state.belief,
+        None,
+        np.full((nodes, particles, 0), np.nan),
+        np.zeros(nodes),
+        problem.settings.tolerance_start,
+        np.full(nodes, float(particles)),
+        state.belief.poses[:, 0],
+        np.clip(0.0, model.lower, model.upper),
+        float("nan"),
+        0.0,
+    )
     return state, report
 
 

@@ -186,15 +186,31 @@ def estimate(
             found.append(ModeEstimate(mode.weight, middle, posterior.covariance(middle, own, share)))
         links.append(
             LinkEstimate(
-                name, part, placed.link_poses[row], placed.covariances[row], float(fractions[part]),
-                float(likelihoods[part]), tuple(found),
+                name,
+                part,
+                placed.link_poses[row],
+                placed.covariances[row],
+                float(fractions[part]),
+                float(likelihoods[part]),
+                tuple(found),
             )
-        )  # fmt: skip
+        )
     moving = tuple(_joint_estimate(joint, placed) for joint in model.joints if joint.kind != "fixed")
     return Estimate(
-        model.name, problem.method, problem.seed, report.iteration, converged, observation.frame_id, observation.stamp,
-        max_std, seconds, part_poses, placed.joint_positions, tuple(links), moving,
-    )  # fmt: skip
+        model.name,
+        problem.method,
+        problem.seed,
+        report.iteration,
+        converged,
+        observation.frame_id,
+        observation.stamp,
+        max_std,
+        seconds,
+        part_poses,
+        placed.joint_positions,
+        tuple(links),
+        moving,
+    )
 
 
 def agreeing(problem: Problem, report: IterationReport) -> tuple[Array, Array]:

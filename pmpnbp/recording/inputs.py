@@ -49,9 +49,14 @@ class Inputs:
         model = load_model(self.model, triangle_budget=self.settings.triangles)
         observation = observe(self.scans, self.region, width=self.settings.image_width)
         return problem_module.build(
-            model, observation, self.prior, self.settings,
-            particles=self.particles, seed=self.seed, method=self.method,
-        )  # fmt: skip
+            model,
+            observation,
+            self.prior,
+            self.settings,
+            particles=self.particles,
+            seed=self.seed,
+            method=self.method,
+        )
 
 
 def store(connection: sqlite3.Connection, inputs: Inputs, model: ArticulatedObject) -> None:

@@ -331,9 +331,12 @@ class Recording:
             if row is not None:
                 stage, tolerance, score, seconds, notes = row
                 return {
-                    "stage": stage, "tolerance": tolerance, "mle_score": score, "seconds": seconds,
+                    "stage": stage,
+                    "tolerance": tolerance,
+                    "mle_score": score,
+                    "seconds": seconds,
                     "notes": json.loads(notes),
-                }  # fmt: skip
+                }
         except _DAMAGE:
             raise self._damaged(f"iteration {iteration}") from None
         known = self.iterations()

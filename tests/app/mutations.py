@@ -50,9 +50,26 @@ URDF = """<?xml version="1.0"?>
 """
 TRAY = "o tray\nv 0 0 0\nv 0.3 0 0\nv 0.3 0.2 0\nv 0 0.2 0.05\nf 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n"
 NUMBERS = (
-    "0", "-1", "1e308", "-1e308", "nan", "inf", "-inf", "1e-320", "4294967295", "4294967296", "2147483648",
-    "9223372036854775808", "99999999999999999999", "0x10", "1_000", "", "a", "1.5", "१२",
-)  # fmt: skip
+    "0",
+    "-1",
+    "1e308",
+    "-1e308",
+    "nan",
+    "inf",
+    "-inf",
+    "1e-320",
+    "4294967295",
+    "4294967296",
+    "2147483648",
+    "9223372036854775808",
+    "99999999999999999999",
+    "0x10",
+    "1_000",
+    "",
+    "a",
+    "1.5",
+    "१२",
+)
 TRICKS = (b"\0", b"\xff" * 8, b"%s%n", b"../../../../etc/passwd", b"\r\n", "\ud800".encode("utf-8", "surrogatepass"))
 
 
@@ -102,7 +119,7 @@ def samples() -> list[Sample]:
         Sample("scans", "loose.xyz", b"".join(b"%f %f %f\n" % tuple(point) for point in loose[:200])),
         Sample("scans", "points.npy", npy.getvalue()),
         Sample("scans", "depth.npz", npz.getvalue(), camera),
-    ]  # fmt: skip
+    ]
 
 
 def archive(entries: dict[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> bytes:
@@ -131,9 +148,12 @@ def _changes(sample: Sample) -> list[Callable[[random.Random, Sample], Sample]]:
     if sample.camera is not None:
         found.append(camera_text)
     ending = sample.file_name.rpartition(".")[2]
-    return found + {"png": [png_header] * 3, "zip": [zip_trick] * 4, "npz": [zip_lie] * 2}.get(ending, []) + (
-        [numbers_in_text, numbers_in_text] if ending in ("urdf", "pcd", "ply", "xyz") else []
-    ) + ([npy_header] * 3 if ending in ("npy", "npz") else [])  # fmt: skip
+    return (
+        found
+        + {"png": [png_header] * 3, "zip": [zip_trick] * 4, "npz": [zip_lie] * 2}.get(ending, [])
+        + ([numbers_in_text, numbers_in_text] if ending in ("urdf", "pcd", "ply", "xyz") else [])
+        + ([npy_header] * 3 if ending in ("npy", "npz") else [])
+    )
 
 
 def flip(rng: random.Random, sample: Sample) -> Sample:
@@ -184,9 +204,25 @@ def numbers_in_text(rng: random.Random, sample: Sample) -> Sample:
 
 def rename(rng: random.Random, sample: Sample) -> Sample:
     names = (
-        "", ".", "..", "x", "a/../b.pcd", "..\\c.png", "camera.json", "scan.npz", "d" * 300 + ".ply", ".urdf",
-        "é\u202e.npy", "x.PCD", "x.png", "x.zip", "x.xacro", "model.json", "a\nb.txt", 'q";.pcd',
-    )  # fmt: skip
+        "",
+        ".",
+        "..",
+        "x",
+        "a/../b.pcd",
+        "..\\c.png",
+        "camera.json",
+        "scan.npz",
+        "d" * 300 + ".ply",
+        ".urdf",
+        "é\u202e.npy",
+        "x.PCD",
+        "x.png",
+        "x.zip",
+        "x.xacro",
+        "model.json",
+        "a\nb.txt",
+        'q";.pcd',
+    )
     return replace(sample, file_name=rng.choice(names))
 
 

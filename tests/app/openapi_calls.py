@@ -126,9 +126,11 @@ def sample(client: httpx.Client) -> Callable[[], dict[str, str]]:
             return False
         session = answers["session_id"].json()
         return bool(
-            session["state"] == "paused" and session["config"] == config and 1 <= session["iteration"] < 50
+            session["state"] == "paused"
+            and session["config"] == config
+            and 1 <= session["iteration"] < 50
             and session["scan_ids"] == [kept["scan_id"]]
-        )  # fmt: skip
+        )
 
     def make() -> dict[str, str]:
         if fresh():

@@ -40,8 +40,13 @@ def scene(seed: int = 11, iterations: int = 5) -> Scene:
         step = step if number == 0 else estimation.following(step, problem)
         made.append(
             snapshot(
-                problem, step.report, converged=step.converged, elapsed=0.0, event=number, max_std=0.0025,
+                problem,
+                step.report,
+                converged=step.converged,
+                elapsed=0.0,
+                event=number,
+                max_std=0.0025,
                 truth=truth,
             )
-        )  # fmt: skip
+        )
     return Scene(scan, tuple(made), stage(problem, (scan_points(scan),)))

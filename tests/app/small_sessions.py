@@ -12,9 +12,14 @@ import httpx
 CABINET = Path(__file__).resolve().parents[2] / "sample_data" / "cabinet"
 REGION = json.loads((CABINET / "open" / "region.json").read_text())["region"]
 QUICK = {
-    "image_width": 80, "triangles": 60, "splat_points": 64, "search_iterations": 2, "search_proposals": 300,
-    "anneal_iterations": 2, "refine_iterations": 1,
-}  # fmt: skip
+    "image_width": 80,
+    "triangles": 60,
+    "splat_points": 64,
+    "search_iterations": 2,
+    "search_proposals": 300,
+    "anneal_iterations": 2,
+    "refine_iterations": 1,
+}
 # How often a member that changes by itself is looked at.
 PATIENCE = 0.02
 

@@ -69,15 +69,24 @@ def checked_covariance(numbers: list[float]) -> None:
 def checked(result: dict[str, Any], method: str = "pmpnbp") -> None:
     """That a result has the contract's members, no others, and values that they can have."""
     assert list(result) == [
-        "schema", "model", "method", "seed", "iteration", "converged", "frame_id", "stamp", "certain", "max_std",
-        "seconds", "links", "joints",
-    ]  # fmt: skip
+        "schema",
+        "model",
+        "method",
+        "seed",
+        "iteration",
+        "converged",
+        "frame_id",
+        "stamp",
+        "certain",
+        "max_std",
+        "seconds",
+        "links",
+        "joints",
+    ]
     assert (result["schema"], result["model"], result["method"]) == ("pmpnbp/estimate-1", "cabinet", method)
     assert set(result["links"]) == {"frame"} | {f"{what}{k}" for what in ("drawer", "handle") for k in (1, 2, 3)}
     for link in result["links"].values():
-        assert list(link) == [
-            "pose", "covariance", "std_xyz", "certain", "visible_fraction", "log_likelihood", "modes"
-        ]  # fmt: skip
+        assert list(link) == ["pose", "covariance", "std_xyz", "certain", "visible_fraction", "log_likelihood", "modes"]
         checked_pose(link["pose"])
         checked_covariance(link["covariance"])
         assert link["certain"] == (max(link["std_xyz"]) <= result["max_std"])
@@ -216,14 +225,23 @@ def test_interrupted_it_still_writes_what_it_found(tmp_path: Path) -> None:
     [
         ("hello", "not"),
         ("<html/>", "robot"),
-        ('<robot name="r"><link name="a"><visual><geometry><mesh filename="gone.stl"/></geometry></visual></link>'
-         "</robot>", "mesh 'gone.stl' of link 'a' is missing"),
-        ('<robot name="r"><link name="a"/><link name="b"/><joint name="slide" type="prismatic"><parent link="a"/>'
-         '<child link="b"/></joint></robot>', "joint 'slide'"),
-        ('<robot name="r"><link name="a"><visual><origin xyz="nan 0 0"/><geometry><box size="1 1 1"/></geometry>'
-         "</visual></link></robot>", "nan"),
+        (
+            '<robot name="r"><link name="a"><visual><geometry><mesh filename="gone.stl"/></geometry></visual></link>'
+            "</robot>",
+            "mesh 'gone.stl' of link 'a' is missing",
+        ),
+        (
+            '<robot name="r"><link name="a"/><link name="b"/><joint name="slide" type="prismatic"><parent link="a"/>'
+            '<child link="b"/></joint></robot>',
+            "joint 'slide'",
+        ),
+        (
+            '<robot name="r"><link name="a"><visual><origin xyz="nan 0 0"/><geometry><box size="1 1 1"/></geometry>'
+            "</visual></link></robot>",
+            "nan",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_model_that_cannot_be_used(urdf: str, sentence: str, tmp_path: Path, capsys: Capture) -> None:
     path = tmp_path / "model.urdf"
     path.write_text(urdf)

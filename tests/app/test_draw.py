@@ -16,9 +16,12 @@ from app.viewer.viser_server import open_server
 from tests.app.scenes import scene
 
 EVERYTHING = {
-    "show": dict.fromkeys(LAYERS, True), "part": "drawer2", "particle": 3, "edge": ["frame", "drawer2"],
+    "show": dict.fromkeys(LAYERS, True),
+    "part": "drawer2",
+    "particle": 3,
+    "edge": ["frame", "drawer2"],
     "region": [-1, -1, 0, 1, 1, 2],
-}  # fmt: skip
+}
 
 
 @pytest.fixture
@@ -85,10 +88,16 @@ def test_the_same_frame_sends_nothing(server: Any) -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        {"theme": "dark"}, {"colour_scan": "explained"}, {"colour_particles": "weight"}, {"confidence": 0.99},
-        {"show": {"image": False}}, {"part": "frame"}, {"particle": 5}, {"edge": ["frame", "drawer1"]},
+        {"theme": "dark"},
+        {"colour_scan": "explained"},
+        {"colour_particles": "weight"},
+        {"confidence": 0.99},
+        {"show": {"image": False}},
+        {"part": "frame"},
+        {"particle": 5},
+        {"edge": ["frame", "drawer1"]},
     ],
-)  # fmt: skip
+)
 def test_what_is_changed_ends_like_what_is_drawn_anew(change: dict[str, Any]) -> None:
     state = merged(ViewState(), EVERYTHING)
     scenes = []

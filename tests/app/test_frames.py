@@ -57,16 +57,27 @@ def tops(found: SceneFrame) -> set[str]:
 def test_each_layer_draws_its_own() -> None:
     assert tops(drawn(only())) == set()
     alone = {
-        "scan": {"scan"}, "camera": {"camera"}, "image": set(), "particles": {"particles"}, "axes": {"axes"},
-        "estimate": {"estimate"}, "ellipsoids": {"ellipsoids"}, "truth": {"truth"}, "planes": {"planes"},
-        "region": {"region"}, "prior": {"prior"}, "messages": {"messages"},
-    }  # fmt: skip
+        "scan": {"scan"},
+        "camera": {"camera"},
+        "image": set(),
+        "particles": {"particles"},
+        "axes": {"axes"},
+        "estimate": {"estimate"},
+        "ellipsoids": {"ellipsoids"},
+        "truth": {"truth"},
+        "planes": {"planes"},
+        "region": {"region"},
+        "prior": {"prior"},
+        "messages": {"messages"},
+    }
     assert set(alone) == set(LAYERS)
     model = scene().stage.model
     chosen = {
-        "part": "drawer1", "edge": ["frame", "drawer2"], "region": [-1, -1, 0, 1, 1, 1],
+        "part": "drawer1",
+        "edge": ["frame", "drawer2"],
+        "region": [-1, -1, 0, 1, 1, 1],
         "prior": default_prior(model, scene().snapshots[-1].result["links"]),
-    }  # fmt: skip
+    }
     for layer, expected in alone.items():
         assert tops(drawn(only(layer, **chosen))) == expected, layer
     assert tops(drawn(ViewState())) == {"scan", "camera", "particles", "estimate", "ellipsoids"}

@@ -92,15 +92,20 @@ def test_every_reference_leads_somewhere(document: dict[str, Any]) -> None:
 def test_every_call_of_the_contract_is_there(document: dict[str, Any]) -> None:
     session = "/api/v1/sessions/{session_id}"
     wanted = {
-        "GET /healthz", "GET /readyz", "GET /metrics", "GET /api/v1/settings",
+        "GET /healthz",
+        "GET /readyz",
+        "GET /metrics",
+        "GET /api/v1/settings",
         *(f"{method} /api/v1/{kind}" for kind in ("models", "scans", "sessions") for method in ("GET", "POST")),
         *(f"{method} /api/v1/models/{{model_id}}" for method in ("GET", "DELETE")),
         *(f"{method} /api/v1/scans/{{scan_id}}" for method in ("GET", "DELETE")),
         *(f"{method} {session}" for method in ("GET", "DELETE", "PATCH")),
         *(f"POST {session}/{verb}" for verb in ("run", "step", "pause", "reset", "scans")),
         *(f"GET {session}/{what}" for what in ("estimate", "estimate.png", "trace", "decision", "events", "recording")),
-        f"GET {session}/beliefs/{{link}}", f"GET {session}/messages/{{sender}}/{{receiver}}", "POST /api/v1/recordings",
-    }  # fmt: skip
+        f"GET {session}/beliefs/{{link}}",
+        f"GET {session}/messages/{{sender}}/{{receiver}}",
+        "POST /api/v1/recordings",
+    }
     assert not wanted - {label for label, _ in operations(document)}
 
 

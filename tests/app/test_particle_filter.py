@@ -13,10 +13,17 @@ from tests.app import small_sessions as small
 
 PRIOR = json.loads((small.CABINET / "open" / "prior.json").read_text())
 READS = (
-    "graph", "trace", "decision?max_std=0.001", "beliefs/handle1", "beliefs/drawer1/marginals",
-    "beliefs/drawer1/particles", "beliefs/drawer1/particles/3", "beliefs/drawer1/particles/3/picture.png", "estimate",
+    "graph",
+    "trace",
+    "decision?max_std=0.001",
+    "beliefs/handle1",
+    "beliefs/drawer1/marginals",
+    "beliefs/drawer1/particles",
+    "beliefs/drawer1/particles/3",
+    "beliefs/drawer1/particles/3/picture.png",
+    "estimate",
     "estimate.png",
-)  # fmt: skip
+)
 
 
 @pytest.fixture(scope="module")

@@ -186,9 +186,15 @@ def test_every_kind_by_hand() -> None:
     rendered = np.array([[1.01, 1.01, 1.0, 1.0, 1.0, 1.0, 1.01, 0.0]], dtype=np.float32)
     view = View(Camera(8, 1, 1.0, 1.0, 0.0, 0.0), depth, category, np.zeros((1, 8, 3), dtype=np.float32))
     expected = [
-        pictures.EXPLAINED, pictures.ON_SUPPORT, pictures.SEEN_THROUGH, pictures.IN_FRONT, pictures.UNKNOWN,
-        pictures.SEEN_THROUGH, pictures.OUTSIDE_REGION, pictures.NOT_COVERED,
-    ]  # fmt: skip
+        pictures.EXPLAINED,
+        pictures.ON_SUPPORT,
+        pictures.SEEN_THROUGH,
+        pictures.IN_FRONT,
+        pictures.UNKNOWN,
+        pictures.SEEN_THROUGH,
+        pictures.OUTSIDE_REGION,
+        pictures.NOT_COVERED,
+    ]
     assert pictures.pixel_kinds(view, rendered, 0.02).tolist() == [expected]
 
 

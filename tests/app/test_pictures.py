@@ -327,8 +327,12 @@ def test_over_rest(served: Served, repository: Path, drawing: Pictures, monkeypa
     assert get(view=1, width=160) != get(view=0, width=160)
     assert get(iteration=0, width=160) != get(iteration=1, width=160)
     for query, status in (
-        ({"view": 2}, 404), ({"iteration": 7}, 404), ({"view": -1}, 422), ({"width": 5}, 422), ({"width": 10**6}, 422),
-    ):  # fmt: skip
+        ({"view": 2}, 404),
+        ({"iteration": 7}, 404),
+        ({"view": -1}, 422),
+        ({"width": 5}, 422),
+        ({"width": 10**6}, 422),
+    ):
         answer = client.get(f"{path}/estimate.png", params=query)
         assert answer.status_code == status, answer.text
         assert answer.headers["content-type"] == "application/problem+json"

@@ -133,13 +133,20 @@ def test_a_malformed_body_is_400_or_422(body: bytes) -> None:
         ({"count": 0}, "", "count in the body: input should be greater than or equal to 1, not 0"),
         ({}, "", "count in the body: field required"),
         ({"count": 1, "names": ["a", 2]}, "", "names[1] in the body: input should be a valid string, not 2"),
-        ({"count": "x", "names": 1}, "", "count in the body: input should be a valid integer, unable to parse string "
-         "as an integer, not 'x', and 1 more like this"),
-        ({"count": 1}, "?limit=x", "limit in the query: input should be a valid integer, unable to parse string as an "
-         "integer, not 'x'"),
+        (
+            {"count": "x", "names": 1},
+            "",
+            "count in the body: input should be a valid integer, unable to parse string "
+            "as an integer, not 'x', and 1 more like this",
+        ),
+        (
+            {"count": 1},
+            "?limit=x",
+            "limit in the query: input should be a valid integer, unable to parse string as an integer, not 'x'",
+        ),
         ([], "", "the body: input should be a valid dictionary or object to extract fields from"),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_body_is_named_by_its_place(body: Any, query: str, detail: str) -> None:
     assert failed("POST", f"/things{query}", 422, json=body)[0] == detail
 

@@ -21,10 +21,19 @@ from pmpnbp.recording import Recording
 from tests.app import small_sessions as small
 
 READS = (
-    "graph", "trace", "decision?max_std=0.001", "beliefs/handle1", "beliefs/frame?format=npz&iteration=3",
-    "messages/frame/drawer1", "beliefs/drawer1/marginals?iteration=4", "beliefs/drawer1/particles",
-    "beliefs/drawer1/particles/3", "beliefs/drawer1/particles/3/picture.png", "estimate", "estimate?iteration=2",
-)  # fmt: skip
+    "graph",
+    "trace",
+    "decision?max_std=0.001",
+    "beliefs/handle1",
+    "beliefs/frame?format=npz&iteration=3",
+    "messages/frame/drawer1",
+    "beliefs/drawer1/marginals?iteration=4",
+    "beliefs/drawer1/particles",
+    "beliefs/drawer1/particles/3",
+    "beliefs/drawer1/particles/3/picture.png",
+    "estimate",
+    "estimate?iteration=2",
+)
 
 
 @pytest.fixture(scope="module")
@@ -124,9 +133,14 @@ def test_the_estimate_is_drawn(client: httpx.Client, path: str, recorded: str) -
 def test_it_cannot_be_told_to_do_anything(client: httpx.Client, recorded: str) -> None:
     id = recorded.rpartition("/")[2]
     for method, place, body in (
-        ("POST", "/run", {}), ("POST", "/step", {}), ("POST", "/pause", None), ("POST", "/reset", None),
-        ("PATCH", "", {"config": {}}), ("POST", "/scans", {"scan_id": "0123456789abcdef"}), ("DELETE", "", None),
-    ):  # fmt: skip
+        ("POST", "/run", {}),
+        ("POST", "/step", {}),
+        ("POST", "/pause", None),
+        ("POST", "/reset", None),
+        ("PATCH", "", {"config": {}}),
+        ("POST", "/scans", {"scan_id": "0123456789abcdef"}),
+        ("DELETE", "", None),
+    ):
         answer = client.request(method, recorded + place, json=body)
         problem(answer, 409, f"'{id}' is a recording; it cannot iterate; create a session from its model and scans")
     assert client.get(recorded).status_code == 200
@@ -180,12 +194,26 @@ def test_rows_that_the_command_line_did_not_write_are_made(client: httpx.Client,
     options = [f"--config={name}={value}" for name, value in small.QUICK.items()]
     status = cli.main(
         [
-            "estimate", str(small.CABINET / "cabinet.urdf"), str(scene / "depth.png"), "--camera",
-            str(scene / "camera.json"), f"--roi={','.join(str(number) for number in small.REGION)}",
-            "--particles", "40", "--seed", "11", "--iterations", "60", "--quiet", *options,
-            "--out", str(tmp_path / "result.json"), "--recording", str(tmp_path / "command.sqlite"),
+            "estimate",
+            str(small.CABINET / "cabinet.urdf"),
+            str(scene / "depth.png"),
+            "--camera",
+            str(scene / "camera.json"),
+            f"--roi={','.join(str(number) for number in small.REGION)}",
+            "--particles",
+            "40",
+            "--seed",
+            "11",
+            "--iterations",
+            "60",
+            "--quiet",
+            *options,
+            "--out",
+            str(tmp_path / "result.json"),
+            "--recording",
+            str(tmp_path / "command.sqlite"),
         ]
-    )  # fmt: skip
+    )
     assert status == 0
     recorded = upload(client, (tmp_path / "command.sqlite").read_bytes())
     path = small.create(client)
@@ -254,10 +282,14 @@ def test_an_iteration_that_does_not_fit_the_model_is_not_shown(
 ) -> None:
     """Whatever shape or number is wrong: a sentence, for that iteration alone."""
     wrong = {
-        "belief.poses": np.zeros((2, 40, 7)), "belief.log_weights": np.full((4, 40), np.nan),
-        "belief.source": np.full((4, 40), 99, dtype=np.uint8), "belief.neighbour": np.full((4, 40), 50, dtype=np.int32),
-        "mle": np.full((4, 7), np.inf), "messages.joint_draw": np.zeros(3), "log_message_shares": np.zeros((4, 40, 1)),
-    }  # fmt: skip
+        "belief.poses": np.zeros((2, 40, 7)),
+        "belief.log_weights": np.full((4, 40), np.nan),
+        "belief.source": np.full((4, 40), 99, dtype=np.uint8),
+        "belief.neighbour": np.full((4, 40), 50, dtype=np.int32),
+        "mle": np.full((4, 7), np.inf),
+        "messages.joint_draw": np.zeros(3),
+        "log_message_shares": np.zeros((4, 40, 1)),
+    }
     file = tmp_path / "wrong.sqlite"
     file.write_bytes(content)
     connection = sqlite3.connect(file)

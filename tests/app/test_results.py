@@ -56,12 +56,26 @@ def test_a_session_equals_the_command_line(client: httpx.Client, tmp_path: Path,
     options += [] if prior is None else ["--prior", str(scene / prior)]
     status = cli.main(
         [
-            "estimate", str(small.CABINET / "cabinet.urdf"), str(scene / "depth.png"), "--camera",
-            str(scene / "camera.json"), f"--roi={','.join(str(number) for number in small.REGION)}",
-            "--particles", "40", "--seed", "11", "--iterations", "60", "--quiet", *options,
-            "--out", str(tmp_path / "result.json"), "--recording", str(tmp_path / "command.sqlite"),
+            "estimate",
+            str(small.CABINET / "cabinet.urdf"),
+            str(scene / "depth.png"),
+            "--camera",
+            str(scene / "camera.json"),
+            f"--roi={','.join(str(number) for number in small.REGION)}",
+            "--particles",
+            "40",
+            "--seed",
+            "11",
+            "--iterations",
+            "60",
+            "--quiet",
+            *options,
+            "--out",
+            str(tmp_path / "result.json"),
+            "--recording",
+            str(tmp_path / "command.sqlite"),
         ]
-    )  # fmt: skip
+    )
     assert status == 0
     known = None if prior is None else json.loads((scene / prior).read_text())
     path = small.create(client, prior=known)
@@ -138,9 +152,10 @@ def test_a_belief_is_what_the_estimate_is_read_from(client: httpx.Client, path: 
         pose = estimate["links"][link]["pose"]
         middle = np.array([*(pose["position"][n] for n in "xyz"), *(pose["orientation"][n] for n in "wxyz")])
         np.testing.assert_allclose(
-            posterior.covariance(middle, particles, weights).reshape(-1), estimate["links"][link]["covariance"],
+            posterior.covariance(middle, particles, weights).reshape(-1),
+            estimate["links"][link]["covariance"],
             atol=1e-12,
-        )  # fmt: skip
+        )
 
 
 @pytest.mark.parametrize("place", ["beliefs/handle1", "messages/frame/handle1"])
@@ -207,10 +222,16 @@ def test_the_trace_tells_each_iteration(client: httpx.Client, path: str) -> None
     assert set(rows[6]["effective_sample_size"]) == set(rows[6]["add"])
     assert [row["elapsed"] for row in rows] == sorted(row["elapsed"] for row in rows)
     for asked, iterations in {
-        "after=4": [5, 6], "after=1&last=3": [2, 3], "last=0": [0], "limit=7": [0, 1, 2, 3, 4, 5, 6],
-        "limit=3": [0, 3, 6], "limit=4": [0, 2, 4, 6], "limit=5": [0, 2, 4, 6], "limit=1": [6],
+        "after=4": [5, 6],
+        "after=1&last=3": [2, 3],
+        "last=0": [0],
+        "limit=7": [0, 1, 2, 3, 4, 5, 6],
+        "limit=3": [0, 3, 6],
+        "limit=4": [0, 2, 4, 6],
+        "limit=5": [0, 2, 4, 6],
+        "limit=1": [6],
         "after=1&limit=2": [3, 6],
-    }.items():  # fmt: skip
+    }.items():
         found = client.get(f"{path}/trace?{asked}").json()["iterations"]
         assert found == [rows[iteration] for iteration in iterations], asked
 

@@ -90,15 +90,21 @@ def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]
     [
         (["--port", "70000"], {}, "pmpnbp serve: server setting 'port' is 70000; it must be from 0 to 65535"),
         (["--max-running", "0"], {}, "pmpnbp serve: server setting 'max_running' is 0; it must be at least 1"),
-        (["--port", "x"], {}, "pmpnbp serve: argument --port: it is 'x'; it must be a whole number; see pmpnbp serve "
-         "--help"),
+        (
+            ["--port", "x"],
+            {},
+            "pmpnbp serve: argument --port: it is 'x'; it must be a whole number; see pmpnbp serve --help",
+        ),
         ([], {"PMPNBP_PORT": "many"}, "pmpnbp serve: PMPNBP_PORT is 'many'; it must be a whole number"),
         ([], {"PMPNBP_DEMO": "perhaps"}, "pmpnbp serve: PMPNBP_DEMO is 'perhaps'; it must be true or false"),
-        (["--token", " "], {}, "pmpnbp serve: server setting 'token' is empty or has characters that a header cannot "
-         "carry"),
+        (
+            ["--token", " "],
+            {},
+            "pmpnbp serve: server setting 'token' is empty or has characters that a header cannot carry",
+        ),
         (["--host", "256.1.1.1"], {}, "pmpnbp serve: the server cannot listen at 256.1.1.1:0"),
     ],
-)  # fmt: skip
+)
 def test_a_setting_that_cannot_be_is_one_sentence(
     arguments: list[str], environment: dict[str, str], sentence: str, tmp_path: Path
 ) -> None:

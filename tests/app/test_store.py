@@ -88,8 +88,11 @@ def test_what_was_added_is_there_after_a_restart(store: Store) -> None:
     assert same(store.load_scan(scan), SCAN)
     assert store.session_folder(session).is_dir()
     assert dict(store.sessions())[session] == {
-        "id": session, "model_id": model, "scan_ids": [scan], "name": "two",
-    }  # fmt: skip
+        "id": session,
+        "model_id": model,
+        "scan_ids": [scan],
+        "name": "two",
+    }
     store.close()
 
 
@@ -139,8 +142,14 @@ def test_a_kill_at_any_step_leaves_the_whole_entry_or_nothing(tmp_path: Path) ->
     assert {one["action"]: one["wrong"] for one in found} == {one["action"]: [] for one in found}
     # a rename, a folder and a file at the least: else the steps were not seen
     assert {one["action"] for one in found if one["steps"] >= 3} == {
-        "add_model", "add_scan", "delete_scan", "create_session", "write_session", "delete_session", "remember",
-    }  # fmt: skip
+        "add_model",
+        "add_scan",
+        "delete_scan",
+        "create_session",
+        "write_session",
+        "delete_session",
+        "remember",
+    }
 
 
 def test_an_entry_is_forced_to_the_disk_before_it_is_there(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:

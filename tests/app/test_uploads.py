@@ -93,9 +93,14 @@ def test_a_model(served: Any) -> None:
     assert model["links"][:2] == ["frame", "drawer1"]
     assert [part["name"] for part in model["parts"]] == ["frame", "drawer1", "drawer2", "drawer3"]
     assert model["joints"][0] == {
-        "name": "slide1", "type": "prismatic", "parent": "frame", "child": "drawer1", "lower": 0.0, "upper": 0.32,
+        "name": "slide1",
+        "type": "prismatic",
+        "parent": "frame",
+        "child": "drawer1",
+        "lower": 0.0,
+        "upper": 0.32,
         "mimic": None,
-    }  # fmt: skip
+    }
     assert model["sha256"] == hashlib.sha256(content).hexdigest()
     assert answer.headers["Location"] == f"/api/v1/models/{model['id']}"
     assert served.client.get(answer.headers["Location"]).json() == model

@@ -33,10 +33,28 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = folder / "an open drawer.sqlite"
     region = ",".join(str(number) for number in json.loads((SCENE / "region.json").read_text())["region"])
     status = main(
-        ["estimate", str(CABINET / "cabinet.urdf"), str(SCENE / "depth.png"), "--camera", str(SCENE / "camera.json"),
-         f"--roi={region}", "--particles", "40", "--iterations", "3", "--config", "search_iterations=2", "--config",
-         "search_proposals=300", "--recording", str(path), "--out", str(folder / "result.json"), "--quiet"]
-    )  # fmt: skip
+        [
+            "estimate",
+            str(CABINET / "cabinet.urdf"),
+            str(SCENE / "depth.png"),
+            "--camera",
+            str(SCENE / "camera.json"),
+            f"--roi={region}",
+            "--particles",
+            "40",
+            "--iterations",
+            "3",
+            "--config",
+            "search_iterations=2",
+            "--config",
+            "search_proposals=300",
+            "--recording",
+            str(path),
+            "--out",
+            str(folder / "result.json"),
+            "--quiet",
+        ]
+    )
     assert status == 0
     return path
 
@@ -50,9 +68,13 @@ def view(tmp_path: Path) -> Iterator[Callable[..., tuple[subprocess.Popen[str], 
         inherited = {name: value for name, value in os.environ.items() if not name.startswith(("PMPNBP_", "BROWSER"))}
         command = [sys.executable, "-m", "app.cli", "view", *arguments]
         process = subprocess.Popen(
-            command, cwd=PROJECT, env=inherited | {"TMPDIR": str(tmp_path)} | environment, stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
+            command,
+            cwd=PROJECT,
+            env=inherited | {"TMPDIR": str(tmp_path)} | environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
         started.append(process)
         assert process.stdout is not None
         return process, process.stdout.readline().rstrip("\n")

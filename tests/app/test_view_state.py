@@ -11,16 +11,29 @@ import pytest
 from app.viewer.view_state import LAYERS, ViewState, ViewStateError, members, merged
 
 PRIOR = {
-    "kind": "gaussian", "link": "frame", "std_xyz": [0.1, 0.1, 0.1], "std_rpy": [0.1, 0.1, 0.1],
+    "kind": "gaussian",
+    "link": "frame",
+    "std_xyz": [0.1, 0.1, 0.1],
+    "std_rpy": [0.1, 0.1, 0.1],
     "pose": {"position": {"x": 0, "y": 0, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}},
-}  # fmt: skip
+}
 ALL = {
-    "iteration": 7, "show": {"truth": True, "scan": False}, "colour_scan": "explained", "colour_particles": "weight",
-    "confidence": 0.9, "part": "drawer2", "edge": ["frame", "drawer2"], "particle": 3,
-    "compare": {"session_id": "abc", "iteration": None}, "theme": "dark",
-    "camera": {"position": [1, 2, 3], "look_at": [0, 0, 0.5], "up": [0, 0, 1]}, "region": [-1, -1, 0, 1, 1, 2],
-    "prior": PRIOR, "hidden": True, "economy": True,
-}  # fmt: skip
+    "iteration": 7,
+    "show": {"truth": True, "scan": False},
+    "colour_scan": "explained",
+    "colour_particles": "weight",
+    "confidence": 0.9,
+    "part": "drawer2",
+    "edge": ["frame", "drawer2"],
+    "particle": 3,
+    "compare": {"session_id": "abc", "iteration": None},
+    "theme": "dark",
+    "camera": {"position": [1, 2, 3], "look_at": [0, 0, 0.5], "up": [0, 0, 1]},
+    "region": [-1, -1, 0, 1, 1, 2],
+    "prior": PRIOR,
+    "hidden": True,
+    "economy": True,
+}
 
 
 def test_a_new_view_shows_the_newest_with_five_layers() -> None:

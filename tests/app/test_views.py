@@ -96,9 +96,12 @@ def test_a_new_view_has_what_the_session_has(served: Any, path: str) -> None:
     assert found["region"] == small.REGION and found["prior"] is None and found["iteration"] is None
     assert found["drawn"] is None and found["clients"] == 0 and found["error"] is None
     prior = {
-        "kind": "gaussian", "link": "frame", "std_xyz": [0.1] * 3, "std_rpy": [0.1] * 3,
+        "kind": "gaussian",
+        "link": "frame",
+        "std_xyz": [0.1] * 3,
+        "std_rpy": [0.1] * 3,
         "pose": served.client.get(f"{path}/estimate").json()["links"]["frame"]["pose"],
-    }  # fmt: skip
+    }
     given = small.create(served.client, prior=prior)
     assert state(served, f"{given}/views/new")["prior"] == prior
 

@@ -24,9 +24,12 @@ ON_ARROW, AT_TIP, ON_ARC = 0.05, 0.19, 0.65 * 0.21
 UP = np.array([0.0, 0.0, 1.0])
 BOX = [0.0, -0.1, -0.05, 0.8, 0.7, 0.6]
 PRIOR: dict[str, Any] = {
-    "kind": "gaussian", "link": "frame", "std_xyz": [0.08] * 3, "std_rpy": [0.15] * 3,
+    "kind": "gaussian",
+    "link": "frame",
+    "std_xyz": [0.08] * 3,
+    "std_rpy": [0.15] * 3,
     "pose": {"position": {"x": 0.8, "y": 0.3, "z": 0.5}, "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}},
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope="module")

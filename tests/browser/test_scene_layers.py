@@ -168,9 +168,12 @@ def test_five_plots_where_the_truth_is_known(page: Page, served: Served, session
     row = served.client.get(f"{session}/trace").json()["iterations"][-1]
     largest, seconds = 1000 * max(row["add"].values()), 1000 * row["seconds"]
     wanted = {
-        "std": "largest", "effective": "smallest", "likelihood": f"{row['log_likelihood']:.1f}",
-        "add": f"largest {largest:.{0 if largest >= 100 else 2}f}", "seconds": f"{seconds:.0f}",
-    }  # fmt: skip
+        "std": "largest",
+        "effective": "smallest",
+        "likelihood": f"{row['log_likelihood']:.1f}",
+        "add": f"largest {largest:.{0 if largest >= 100 else 2}f}",
+        "seconds": f"{seconds:.0f}",
+    }
     expect(page.locator(".plot:visible")).to_have_count(len(wanted))
     for name, now in wanted.items():
         plot = page.locator(f"[data-plot={name}]")

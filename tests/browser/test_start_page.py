@@ -152,9 +152,11 @@ def test_nothing_is_cut_off_nor_lies_over_something_else(
         for other in boxes[:place]:
             assert other is not None
             apart = (
-                one["x"] + one["width"] <= other["x"] + 1 or other["x"] + other["width"] <= one["x"] + 1
-                or one["y"] + one["height"] <= other["y"] + 1 or other["y"] + other["height"] <= one["y"] + 1
-            )  # fmt: skip
+                one["x"] + one["width"] <= other["x"] + 1
+                or other["x"] + other["width"] <= one["x"] + 1
+                or one["y"] + one["height"] <= other["y"] + 1
+                or other["y"] + other["height"] <= one["y"] + 1
+            )
             assert apart, (one, other)
 
 
@@ -229,9 +231,10 @@ def test_files_are_dropped_wherever_it_is_on_the_page(page: Page, served: Served
     page.goto(served.url)
     prior = json.loads((SCENE / "prior.json").read_text())
     texts = {
-        "cabinet.urdf": URDF.read_text(), "prior.json": json.dumps(prior),
+        "cabinet.urdf": URDF.read_text(),
+        "prior.json": json.dumps(prior),
         "region.json": (SCENE / "region.json").read_text(),
-    }  # fmt: skip
+    }
     carried = page.evaluate_handle(
         """(texts) => {
           const carried = new DataTransfer();
@@ -321,8 +324,9 @@ def test_a_wrong_file_is_told_in_the_servers_words(
         page.get_by_label(f"{label}, metres").fill("70")
     asked = {
         "model_id": served.client.get("/api/v1/models").json()[0]["id"],
-        "scan_ids": [served.client.get("/api/v1/scans").json()[0]["id"]], "roi": [70] * 6,
-    }  # fmt: skip
+        "scan_ids": [served.client.get("/api/v1/scans").json()[0]["id"]],
+        "roi": [70] * 6,
+    }
     said = served.client.post("/api/v1/sessions", json=asked).json()["detail"]
     page.get_by_role("button", name="Create session").click()
     expect(page.locator("#create-trouble")).to_have_text(said)
@@ -429,9 +433,25 @@ def test_everything_has_a_name_and_can_be_reached_by_keyboard(page: Page, served
             -1
         ]
     wanted = {
-        "open", "delete", "sample", "open-sample", "files", "camera-text", "model", "name", "prior-text", "prior-file",
-        "bounds", "no-region", "method", "preset", "particles", "iterations", "seed", "button main wide",
-    }  # fmt: skip
+        "open",
+        "delete",
+        "sample",
+        "open-sample",
+        "files",
+        "camera-text",
+        "model",
+        "name",
+        "prior-text",
+        "prior-file",
+        "bounds",
+        "no-region",
+        "method",
+        "preset",
+        "particles",
+        "iterations",
+        "seed",
+        "button main wide",
+    }
     assert wanted <= set(reached)
 
 

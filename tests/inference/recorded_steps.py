@@ -41,10 +41,14 @@ def scattered_state(
     noise = spread * rng.standard_normal((2, *shape, 3))
     weights = rng.dirichlet(np.ones(count), size=shape[0])
     belief = Belief(
-        poses.perturb(middle[:, None], noise[0], noise[1]), np.log(weights), np.zeros(shape),
-        np.full(shape, -1, dtype=np.int32), np.full(shape, START, dtype=np.uint8),
-        np.full(shape, -1, dtype=np.int32), np.zeros(shape, dtype=np.int32),
-    )  # fmt: skip
+        poses.perturb(middle[:, None], noise[0], noise[1]),
+        np.log(weights),
+        np.zeros(shape),
+        np.full(shape, -1, dtype=np.int32),
+        np.full(shape, START, dtype=np.uint8),
+        np.full(shape, -1, dtype=np.int32),
+        np.zeros(shape, dtype=np.int32),
+    )
     return State(iteration, belief)
 
 
@@ -91,9 +95,13 @@ def slow_twin(problem: Problem, model: ArticulatedObject, iteration: int) -> Slo
         edge = between[t, s]
         parent, child = (pose_t, pose_s) if t == edge.parent else (pose_s, pose_t)
         log_psi = log_potential(
-            edge, parent, child, form=problem.settings.pairwise_form,
-            sigma_position=plan.sigma_position, sigma_orientation=plan.sigma_orientation,
-        )  # fmt: skip
+            edge,
+            parent,
+            child,
+            form=problem.settings.pairwise_form,
+            sigma_position=plan.sigma_position,
+            sigma_orientation=plan.sigma_orientation,
+        )
         return float(np.exp(log_psi))
 
     def sample(t: int, s: int, pose_s: Array, draw: Array) -> Array:

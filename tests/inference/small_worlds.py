@@ -114,10 +114,19 @@ def four_bar(width: float = 0.35, height: float = 0.25) -> ArticulatedObject:
     tree = articulated(joints, {"link0": lying, "link1": upright, "link2": lying, "link3": upright})
     number = {part.name: k for k, part in enumerate(tree.parts)}
     closing = Edge(
-        parent=number["link3"], child=number["link2"], poses_before=at(z=height)[None], pose_after=at(y=-width),
-        revolute=np.array([True]), axes=X[None], lower=np.array([-0.9]), upper=np.array([0.9]),
-        wraps=np.array([False]), coordinates=np.array([1]), multiplier=np.ones(1), offset=np.zeros(1),
-    )  # fmt: skip
+        parent=number["link3"],
+        child=number["link2"],
+        poses_before=at(z=height)[None],
+        pose_after=at(y=-width),
+        revolute=np.array([True]),
+        axes=X[None],
+        lower=np.array([-0.9]),
+        upper=np.array([0.9]),
+        wraps=np.array([False]),
+        coordinates=np.array([1]),
+        multiplier=np.ones(1),
+        offset=np.zeros(1),
+    )
     return replace(tree, edges=(*tree.edges, closing))
 
 

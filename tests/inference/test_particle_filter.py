@@ -46,9 +46,15 @@ def rough(root: Array = ROOT) -> GaussianPrior:
 
 
 def filtering(
-    model: ArticulatedObject, root: Array, joints: Array, prior: UniformPrior | GaussianPrior, *,
-    particles: int = 100, width: int = 160, **changes: object,
-) -> Problem:  # fmt: skip
+    model: ArticulatedObject,
+    root: Array,
+    joints: Array,
+    prior: UniformPrior | GaussianPrior,
+    *,
+    particles: int = 100,
+    width: int = 160,
+    **changes: object,
+) -> Problem:
     camera = worlds.camera_at((0.0, 0.0, 0.7), root[:3], width, 3 * width // 4)
     settings = worlds.settings(**changes)
     observation = worlds.seen(model, root, joints, camera)
@@ -65,9 +71,15 @@ def weighted_state(rng: np.random.Generator, made: Problem, root: Array, joints:
     weights = np.tile(np.log(rng.dirichlet(np.ones(count))), (made.mrf.nodes, 1))
     whole = np.full(shape, -1, dtype=np.int32)
     belief = Belief(
-        np.swapaxes(model.part_poses(roots, drawn), 0, 1), weights, np.zeros(shape), whole,
-        np.full(shape, START, dtype=np.uint8), whole, np.zeros(shape, dtype=np.int32), drawn,
-    )  # fmt: skip
+        np.swapaxes(model.part_poses(roots, drawn), 0, 1),
+        weights,
+        np.zeros(shape),
+        whole,
+        np.full(shape, START, dtype=np.uint8),
+        whole,
+        np.zeros(shape, dtype=np.int32),
+        drawn,
+    )
     return State(5, belief)
 
 
@@ -88,7 +100,7 @@ def slow_object_score(made: Problem, part_poses: Array, tolerance: float) -> flo
         lens = np.array([eye.fx, eye.fy, eye.cx, eye.cy])
         total += reference.object_shares(
             view.depth, view.category, lens, clouds, meshes, score.terms.astype(np.float64), score.form == "robust"
-        ).sum()  # fmt: skip
+        ).sum()
     return float(total)
 
 
@@ -327,9 +339,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_gives_others() -> None:
 
 def test_a_method_that_there_is_none_of() -> None:
     with pytest.raises(SettingError, match="method 'guess' does not exist; there are pmpnbp and particle_filter"):
-        problem.build(
-            worlds.cupboard(), worlds.NOTHING_SEEN, UniformPrior(), worlds.settings(), method="guess"
-        )  # fmt: skip
+        problem.build(worlds.cupboard(), worlds.NOTHING_SEEN, UniformPrior(), worlds.settings(), method="guess")
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -342,9 +352,14 @@ def test_the_sample_cabinet_is_found_from_a_rough_prior(repository: Path, seed: 
     truth = np.stack([poses.from_matrix(np.array(links[part.links[0]]).reshape(4, 4)) for part in model.parts])
     prior = worlds.rough_prior(np.random.default_rng(seed), truth[0], model.parts[0].links[0])
     made = problem.build(
-        model, observation, prior, worlds.settings(search_proposals=2000),
-        particles=100, seed=seed, method="particle_filter",
-    )  # fmt: skip
+        model,
+        observation,
+        prior,
+        worlds.settings(search_proposals=2000),
+        particles=100,
+        seed=seed,
+        method="particle_filter",
+    )
     reports = list(run.iterate(made, 20))
     assert reports[-1].stage == "particle filter"
     for part, found, true in zip(model.parts, reports[-1].mle, truth, strict=True):

@@ -98,9 +98,11 @@ def test_a_gaussian_prior_goes_on_weighing_its_part(rng: np.random.Generator) ->
 
 def test_every_particle_can_be_traced(rng: np.random.Generator) -> None:
     still = {
-        "diffusion_position_start": 0.0, "diffusion_position_end": 0.0,
-        "diffusion_rotation_start": 0.0, "diffusion_rotation_end": 0.0,
-    }  # fmt: skip
+        "diffusion_position_start": 0.0,
+        "diffusion_position_end": 0.0,
+        "diffusion_rotation_start": 0.0,
+        "diffusion_rotation_end": 0.0,
+    }
     problem = robust(MODELS["star"], particles=60, **still)
     state = scattered_state(rng, problem)
     _, report = belief_propagation.step(rng, state, problem)

@@ -38,9 +38,9 @@ def likes_x(node: Array, part_poses: Array) -> Array:
     return 100.0 * part_poses[..., 0]
 
 
-def walked(model: ArticulatedObject, rng: np.random.Generator, unary: Callable[[Array, Array], Array]) -> tuple[
-    Problem, hypotheses.Hypotheses, Array
-]:  # fmt: skip
+def walked(
+    model: ArticulatedObject, rng: np.random.Generator, unary: Callable[[Array, Array], Array]
+) -> tuple[Problem, hypotheses.Hypotheses, Array]:
     made = worlds.given_unary(model, unary, worlds.settings(), particles=20)
     count = 50
     roots = np.concatenate([rng.uniform(-1, 1, (count, 3)), poses.random_quaternions(rng, (count,))], axis=-1)

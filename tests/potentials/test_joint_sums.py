@@ -199,9 +199,16 @@ def test_islands_do_not_meet(rng: np.random.Generator, form: Form) -> None:
     islands_t = rng.integers(0, 4, 64).astype(np.int32)  # nobody lives on island 4
     table, options = edge_table([edge]), {"form": form, "sigma_position": 0.01, "sigma_orientation": 0.05}
     got = neighbour_sums(
-        table, np.array([0]), np.array([True]), s[None], t[None], log_weights[None],
-        islands_s=islands_s[None], islands_t=islands_t[None], **options,
-    )[0]  # fmt: skip
+        table,
+        np.array([0]),
+        np.array([True]),
+        s[None],
+        t[None],
+        log_weights[None],
+        islands_s=islands_s[None],
+        islands_t=islands_t[None],
+        **options,
+    )[0]
     for island in range(5):
         here, there = islands_s == island, islands_t == island
         if there.any():
@@ -224,9 +231,16 @@ def one_job(
     edge: Edge, s: Array, t: Array, log_weights: Array, form: Form = "projected", s_is_parent: bool = True
 ) -> Array:
     return neighbour_sums(
-        edge_table([edge]), np.array([0]), np.array([s_is_parent]), s[None], t[None], log_weights[None],
-        form=form, sigma_position=0.01, sigma_orientation=0.05,
-    )[0]  # fmt: skip
+        edge_table([edge]),
+        np.array([0]),
+        np.array([s_is_parent]),
+        s[None],
+        t[None],
+        log_weights[None],
+        form=form,
+        sigma_position=0.01,
+        sigma_orientation=0.05,
+    )[0]
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -281,9 +295,15 @@ def many_jobs(rng: np.random.Generator) -> dict[str, object]:
     s, t, log_weights = (np.stack(values) for values in zip(*data, strict=True))
     assert s.shape[0] * s.shape[1] * t.shape[1] >= kernel._PARALLEL_FROM
     return {
-        "table": edge_table(edges), "edge": np.arange(3), "s_is_parent": np.ones(3, np.bool_),
-        "poses_s": s, "poses_t": t, "log_weights_t": log_weights, "sigma_position": 0.01, "sigma_orientation": 0.05,
-    }  # fmt: skip
+        "table": edge_table(edges),
+        "edge": np.arange(3),
+        "s_is_parent": np.ones(3, np.bool_),
+        "poses_s": s,
+        "poses_t": t,
+        "log_weights_t": log_weights,
+        "sigma_position": 0.01,
+        "sigma_orientation": 0.05,
+    }
 
 
 @pytest.mark.parametrize("form", FORMS)

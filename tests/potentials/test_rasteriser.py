@@ -116,9 +116,14 @@ def test_object_shares_are_those_of_the_reference(
         meshes = [part_mesh(surfaces, node) for node in range(5)]
         clouds = [posed_parts.in_camera(EYE, pose[i, node], meshes[node][0]) for node in range(5)]
         slow = reference.object_shares(
-            seen.depth, seen.category, lens(EYE), clouds, [faces for _, faces in meshes],
-            score.terms.astype(np.float64), score.form == "robust",
-        )  # fmt: skip
+            seen.depth,
+            seen.category,
+            lens(EYE),
+            clouds,
+            [faces for _, faces in meshes],
+            score.terms.astype(np.float64),
+            score.form == "robust",
+        )
         np.testing.assert_allclose(shares[i], slow, rtol=2e-3, atol=2.5)
     np.testing.assert_allclose(totals, shares.sum(axis=1), rtol=1e-12)
     assert np.all(shares[:, 4] == 0.0)
@@ -252,7 +257,11 @@ def test_no_parts_to_score_and_no_views(surfaces: Surfaces) -> None:
     seen = posed_parts.view(EYE, np.ones((60, 80), dtype=np.float32), np.ones((60, 80), dtype=np.uint8))
     for renderer in ("splats", "rasteriser"):
         nothing = unary_scores(
-            posed_parts.observation([seen]), surfaces, np.zeros(0, dtype=int), np.zeros((0, 7)), FORMS[0],
+            posed_parts.observation([seen]),
+            surfaces,
+            np.zeros(0, dtype=int),
+            np.zeros((0, 7)),
+            FORMS[0],
             renderer=renderer,
-        )  # fmt: skip
+        )
         assert nothing.shape == (0,)

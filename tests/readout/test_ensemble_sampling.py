@@ -110,9 +110,13 @@ def test_the_same_seed_gives_the_same_draws(grids: tuple[Grid, ...]) -> None:
     def history() -> tuple[Array, float]:
         start = np.random.default_rng(1).standard_normal((8, 2))
         return sample(
-            np.random.default_rng(2), lambda rows: -0.5 * (rows**2).sum(axis=1), start, 50, jitter=np.full(2, 1e-4),
+            np.random.default_rng(2),
+            lambda rows: -0.5 * (rows**2).sum(axis=1),
+            start,
+            50,
+            jitter=np.full(2, 1e-4),
             grids=grids,
-        )  # fmt: skip
+        )
 
     once, again = history(), history()
     np.testing.assert_array_equal(once[0], again[0])

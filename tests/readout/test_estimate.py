@@ -74,14 +74,28 @@ def report_of(
     nodes, count = particles.shape[:2]
     weights = np.full((nodes, count), -np.log(count)) if log_weights is None else log_weights
     belief = Belief(
-        particles, weights, np.zeros((nodes, count)), np.full((nodes, count), -1, dtype=np.int32),
-        np.zeros((nodes, count), dtype=np.uint8), np.full((nodes, count), -1, dtype=np.int32),
+        particles,
+        weights,
+        np.zeros((nodes, count)),
+        np.full((nodes, count), -1, dtype=np.int32),
+        np.zeros((nodes, count), dtype=np.uint8),
+        np.full((nodes, count), -1, dtype=np.int32),
         np.zeros((nodes, count), dtype=np.int32),
-    )  # fmt: skip
+    )
     return IterationReport(
-        7, "belief propagation", belief, None, np.full((nodes, count, 0), np.nan), np.ones(nodes), 0.012,
-        np.full(nodes, float(count)), part_poses, joints, 0.0, 0.1,
-    )  # fmt: skip
+        7,
+        "belief propagation",
+        belief,
+        None,
+        np.full((nodes, count, 0), np.nan),
+        np.ones(nodes),
+        0.012,
+        np.full(nodes, float(count)),
+        part_poses,
+        joints,
+        0.0,
+        0.1,
+    )
 
 
 def standing(problem: Problem) -> tuple[Array, Array]:

@@ -25,9 +25,14 @@ from tests.sameness import assert_same
 CABINET = Path(__file__).resolve().parents[2] / "sample_data" / "cabinet"
 # Small enough to be quick: what is recorded has the same form.
 QUICK = {
-    "image_width": 80, "triangles": 60, "splat_points": 64, "search_iterations": 2, "search_proposals": 300,
-    "anneal_iterations": 2, "refine_iterations": 1,
-}  # fmt: skip
+    "image_width": 80,
+    "triangles": 60,
+    "splat_points": 64,
+    "search_iterations": 2,
+    "search_proposals": 300,
+    "anneal_iterations": 2,
+    "refine_iterations": 1,
+}
 Made = tuple[IterationReport, State]
 
 

@@ -22,8 +22,9 @@ def ledger(tmp_path: Path) -> Ledger:
     second = [[0.1, 0.1, 0.1], [0.01, 0.06, 0.001]]
     for asked, add, at_rest in zip(ASKED, (first, second), (1, None), strict=True):
         seconds = [1.0 + k for k in range(len(add))]
-        made.add(asked, shared | {"add": add, "std": (0.1 * np.array(add)).tolist(), "seconds": seconds,
-                                  "at_rest": at_rest})  # fmt: skip
+        made.add(
+            asked, shared | {"add": add, "std": (0.1 * np.array(add)).tolist(), "seconds": seconds, "at_rest": at_rest}
+        )
     return made
 
 
@@ -46,7 +47,9 @@ def test_a_run_that_was_not_made_is_told(ledger: Ledger) -> None:
         ledger.results([*ASKED, {"seed": 2}])
 
 
-@pytest.mark.parametrize(("held", "verdict"), [(10, reports.HOLDS), (9, reports.HOLDS), (8, reports.IN_PART),
-                                               (1, reports.IN_PART), (0, reports.NOT)])  # fmt: skip
+@pytest.mark.parametrize(
+    ("held", "verdict"),
+    [(10, reports.HOLDS), (9, reports.HOLDS), (8, reports.IN_PART), (1, reports.IN_PART), (0, reports.NOT)],
+)
 def test_a_verdict_follows_from_the_share_of_runs(held: int, verdict: str) -> None:
     assert reports.verdict_of_runs(held, 10) == verdict

@@ -26,9 +26,12 @@ def gaussian_unary(node: int, poses: np.ndarray, sharpness: float) -> np.ndarray
 
 def problem(pattern: Pattern, components: int) -> Problem:
     settings = Settings(
-        components=components, sigma_position=Span(PAIR_SIGMA, PAIR_SIGMA), sigma_angle=Span(0.2, 0.2),
-        diffusion_position=Span(1.0, 1.0), diffusion_angle=Span(0.1, 0.1),
-    )  # fmt: skip
+        components=components,
+        sigma_position=Span(PAIR_SIGMA, PAIR_SIGMA),
+        sigma_angle=Span(0.2, 0.2),
+        diffusion_position=Span(1.0, 1.0),
+        diffusion_angle=Span(0.1, 0.1),
+    )
     return Problem(pattern, gaussian_unary, settings, SIZE)
 
 
@@ -128,8 +131,9 @@ def test_a_pushed_message_is_the_premessage_seen_through_the_joint() -> None:
 def test_both_begin_with_the_same_uniform_beliefs() -> None:
     task = problem(FIGURE, 10)
     starts = [way.start(np.random.default_rng(9), task) for way in (pull, push)]
-    for ours, theirs, alone in zip(starts[0].beliefs, starts[1].beliefs, uniform(np.random.default_rng(9), task),
-                                   strict=True):  # fmt: skip
+    for ours, theirs, alone in zip(
+        starts[0].beliefs, starts[1].beliefs, uniform(np.random.default_rng(9), task), strict=True
+    ):
         np.testing.assert_array_equal(ours.poses, theirs.poses)
         np.testing.assert_array_equal(ours.poses, alone.poses)
 

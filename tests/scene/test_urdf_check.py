@@ -181,15 +181,16 @@ SENTENCES = {
         "links 'l0', 'l1', 'l2', 'l3', 'l4', 'l5', 'l6', 'l7' and 3 more are all without a parent joint, expected",
     ),
     "circle": (
-        robot(LINKS + joint("fixed", "", "j", NEXT_ENDS)
-              + joint("fixed", "", "k", '<parent link="c"/><child link="b"/>')),
+        robot(
+            LINKS + joint("fixed", "", "j", NEXT_ENDS) + joint("fixed", "", "k", '<parent link="c"/><child link="b"/>')
+        ),
         "joints lead in a circle through links 'b', 'c'",
     ),
     "circle of all": (
         robot('<link name="a"/>' + joint("fixed", ends='<parent link="a"/><child link="a"/>')),
         "joints lead in a circle through links 'a'",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("data", "sentence"), SENTENCES.values(), ids=SENTENCES)
@@ -220,7 +221,7 @@ def test_only_what_was_checked_is_let_through() -> None:
     tree = check_urdf(data).tree
     assert [element.tag for element in tree.iter()] == [
         *("robot", "link", "visual", "geometry", "box", "link", "joint", "parent", "child"),
-    ]  # fmt: skip
+    ]
     assert tree.find("link/visual/geometry/box").get("size") == "1.0 2.0 3.0"  # type: ignore[union-attr]
 
 

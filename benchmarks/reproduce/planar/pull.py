@@ -63,8 +63,12 @@ def log_pair_sums(problem: Problem, message: int, received: Array, feed: Samples
     _pair_sums(
         hinge_frame(pattern, message, received, at_sender=False),
         hinge_frame(pattern, message, feed.poses, at_sender=True),
-        np.exp(feed.log_weights), pattern.hinges[message // 2].limit, plan.sigma_position, plan.sigma_angle, out,
-    )  # fmt: skip
+        np.exp(feed.log_weights),
+        pattern.hinges[message // 2].limit,
+        plan.sigma_position,
+        plan.sigma_angle,
+        out,
+    )
     return out
 
 

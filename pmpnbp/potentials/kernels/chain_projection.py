@@ -203,9 +203,24 @@ def _rank(starts, ends, jacobians, steps, lower, upper, wraps, target, length, e
 
 @njit(nogil=True)
 def _project(  # type: ignore[no-untyped-def]
-    before, revolute, axes, matrix, offset, lower, upper, wraps, starts, ends, jacobians, linear, targets, length,
-    first, last, result,
-):  # fmt: skip
+    before,
+    revolute,
+    axes,
+    matrix,
+    offset,
+    lower,
+    upper,
+    wraps,
+    starts,
+    ends,
+    jacobians,
+    linear,
+    targets,
+    length,
+    first,
+    last,
+    result,
+):
     depth, free = matrix.shape
     steps = linear.copy()
     end, motion, error, trial_error = np.empty(7), np.empty(7), np.empty(6), np.empty(6)
@@ -303,9 +318,24 @@ def _serial(  # type: ignore[no-untyped-def]
 ):
     _linearise(before, revolute, axes, matrix, offset, starts, length, ends, jacobians, linear)
     _project(
-        before, revolute, axes, matrix, offset, lower, upper, wraps, starts, ends, jacobians, linear, targets, length,
-        0, len(targets), result,
-    )  # fmt: skip
+        before,
+        revolute,
+        axes,
+        matrix,
+        offset,
+        lower,
+        upper,
+        wraps,
+        starts,
+        ends,
+        jacobians,
+        linear,
+        targets,
+        length,
+        0,
+        len(targets),
+        result,
+    )
 
 
 @njit(nogil=True, cache=True, parallel=True)
@@ -330,9 +360,24 @@ def _parallel(  # type: ignore[no-untyped-def]
     for block in prange((len(targets) + _BLOCK - 1) // _BLOCK):
         first, last = block * _BLOCK, min((block + 1) * _BLOCK, len(targets))
         _project(
-            before, revolute, axes, matrix, offset, lower, upper, wraps, starts, ends, jacobians, linear, targets,
-            length, first, last, result,
-        )  # fmt: skip
+            before,
+            revolute,
+            axes,
+            matrix,
+            offset,
+            lower,
+            upper,
+            wraps,
+            starts,
+            ends,
+            jacobians,
+            linear,
+            targets,
+            length,
+            first,
+            last,
+            result,
+        )
 
 
 def nearest_on_chain(
@@ -361,7 +406,20 @@ def nearest_on_chain(
     result = np.empty((len(targets), free))
     run = _parallel if len(targets) >= _PARALLEL_FROM else _serial
     run(
-        before, revolute, axes, matrix, offset, lower, upper, wraps, starts, targets, length,
-        np.empty((count, 7)), np.empty((count, 6, free)), np.zeros((count, free, 7)), result,
-    )  # fmt: skip
+        before,
+        revolute,
+        axes,
+        matrix,
+        offset,
+        lower,
+        upper,
+        wraps,
+        starts,
+        targets,
+        length,
+        np.empty((count, 7)),
+        np.empty((count, 6, free)),
+        np.zeros((count, free, 7)),
+        result,
+    )
     return result

@@ -280,9 +280,25 @@ def _block(  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True)
 def _serial(  # type: ignore[no-untyped-def]
-    kind, is_parent, frames_s, frames_t, seconds, shape, kp, ko, poses_s, poses_t, log_weights, start, stop,
-    fields_s, fields_t, behind, highest, result,
-):  # fmt: skip
+    kind,
+    is_parent,
+    frames_s,
+    frames_t,
+    seconds,
+    shape,
+    kp,
+    ko,
+    poses_s,
+    poses_t,
+    log_weights,
+    start,
+    stop,
+    fields_s,
+    fields_t,
+    behind,
+    highest,
+    result,
+):
     _prepare(
         kind, is_parent, frames_s, frames_t, seconds, poses_s, poses_t, log_weights, fields_s, fields_t, behind, highest
     )
@@ -293,9 +309,25 @@ def _serial(  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True, parallel=True)
 def _parallel(  # type: ignore[no-untyped-def]
-    kind, is_parent, frames_s, frames_t, seconds, shape, kp, ko, poses_s, poses_t, log_weights, start, stop,
-    fields_s, fields_t, behind, highest, result,
-):  # fmt: skip
+    kind,
+    is_parent,
+    frames_s,
+    frames_t,
+    seconds,
+    shape,
+    kp,
+    ko,
+    poses_s,
+    poses_t,
+    log_weights,
+    start,
+    stop,
+    fields_s,
+    fields_t,
+    behind,
+    highest,
+    result,
+):
     _prepare(
         kind, is_parent, frames_s, frames_t, seconds, poses_s, poses_t, log_weights, fields_s, fields_t, behind, highest
     )
@@ -350,10 +382,23 @@ def joint_sums(jobs: Jobs, sigma_position: float, sigma_orientation: float) -> N
         return result
     run = _parallel if count * rows * columns >= _PARALLEL_FROM else _serial
     run(
-        jobs.kind, jobs.s_is_parent, jobs.frames_s, jobs.frames_t, jobs.second_limits, jobs.shape,
-        np.float32(0.5 * _LOG2E / sigma_position**2), np.float32(0.5 * _LOG2E / sigma_orientation**2),
-        jobs.poses_s, jobs.poses_t, jobs.log_weights, jobs.start, jobs.stop,
-        np.empty((count, 14, rows), np.float32), np.empty((count, 14, columns), np.float32),
-        np.empty((count, columns), np.float32), np.empty(count), result,
-    )  # fmt: skip
+        jobs.kind,
+        jobs.s_is_parent,
+        jobs.frames_s,
+        jobs.frames_t,
+        jobs.second_limits,
+        jobs.shape,
+        np.float32(0.5 * _LOG2E / sigma_position**2),
+        np.float32(0.5 * _LOG2E / sigma_orientation**2),
+        jobs.poses_s,
+        jobs.poses_t,
+        jobs.log_weights,
+        jobs.start,
+        jobs.stop,
+        np.empty((count, 14, rows), np.float32),
+        np.empty((count, 14, columns), np.float32),
+        np.empty((count, columns), np.float32),
+        np.empty(count),
+        result,
+    )
     return result

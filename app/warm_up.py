@@ -89,9 +89,7 @@ def _estimate(
 ) -> None:
     region = np.array([-1.0, -1.0, 0.5, 1.0, 1.0, 2.2])
     problem = problems.build(model, observe([scan], region), prior, settings, particles=particles, seed=0)
-    state, report = engine.begin(problem)
-    for _ in range(4):
-        state, report = engine.advance(state, problem)
+    *_, report = engine.iterate(problem, 4)
     estimate(problem, report)
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -201,16 +201,14 @@ def timed(
     problem = problems.build(
         case.model, case.observation, prior, settings, particles=particles, seed=seed, method=method
     )
-    state, report = engine.begin(problem)
+    step = engine.first(problem)
     spent, at_rest = time.perf_counter() - start, None
-    recent: Sequence[IterationReport] = [report]
     while True:
-        yield Made(problem, report, spent, at_rest)
+        yield Made(problem, step.report, spent, at_rest)
         start = time.perf_counter()
-        state, report = engine.advance(state, problem)
-        recent = [*recent[-settings.converged_iterations :], report]
-        if at_rest is None and engine.converged(recent, problem):
-            at_rest = state.iteration
+        step = engine.following(step, problem)
+        if at_rest is None and step.converged:
+            at_rest = step.iteration
         spent += time.perf_counter() - start
 
 

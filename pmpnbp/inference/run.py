@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -12,6 +13,62 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import belief_propagation, global_search, initialisation, particle_filter
 from pmpnbp.inference.belief import IterationReport, State
 from pmpnbp.inference.problem import Problem
+
+
+@dataclass(frozen=True, kw_only=True)
+class Step:
+    """An iteration just made.
+
+    state : what the next iteration is made from; converged : whether the inference is at rest
+    recent : the reports that tell so, this iteration's last; as many as `converged` needs, or all so far
+    """
+
+    state: State
+    recent: tuple[IterationReport, ...]
+    converged: bool
+
+    @property
+    def report(self) -> IterationReport:
+        """The iteration's report."""
+        return self.recent[-1]
+
+    @property
+    def iteration(self) -> int:
+        """The iteration's number; 0 is the start."""
+        return self.state.iteration
+
+
+def first(problem: Problem) -> Step:
+    """Iteration 0, the start."""
+    state, report = begin(problem)
+    return resumed(state, [report], problem)
+
+
+def following(step: Step, problem: Problem) -> Step:
+    """The iteration after `step`. Where `problem` is another one than `step` was made with, pass `resumed(step.state,
+    [step.report], problem)`: whether the inference is at rest is decided anew then."""
+    state, report = advance(step.state, problem)
+    return resumed(state, [*step.recent, report], problem)
+
+
+def resumed(state: State, reports: Sequence[IterationReport], problem: Problem) -> Step:
+    """The step that ended in `state`, from the newest `reports`, its own last, all of them made with `problem`."""
+    recent = tuple(reports[-(problem.settings.converged_iterations + 1) :])
+    return Step(state=state, recent=recent, converged=converged(recent, problem))
+
+
+def steps(problem: Problem, iterations: int) -> Iterator[Step]:
+    """Iterations 0 to `iterations`; stops earlier, once converged."""
+    step = first(problem)
+    yield step
+    while step.iteration < iterations and not step.converged:
+        step = following(step, problem)
+        yield step
+
+
+def iterate(problem: Problem, iterations: int) -> Iterator[IterationReport]:
+    """The reports of `steps`."""
+    return (step.report for step in steps(problem, iterations))
 
 
 def begin(problem: Problem) -> tuple[State, IterationReport]:
@@ -45,19 +102,6 @@ def advance(state: State, problem: Problem) -> tuple[State, IterationReport]:
     if problem.method == "particle_filter":
         return particle_filter.step(rng, state, problem)
     return belief_propagation.step(rng, state, problem)
-
-
-def iterate(problem: Problem, iterations: int) -> Iterator[IterationReport]:
-    """Reports of iteration 0 to `iterations`, stopping early once converged."""
-    state, report = begin(problem)
-    reports = [report]
-    yield report
-    while state.iteration < iterations:
-        state, report = advance(state, problem)
-        reports = [*reports[-problem.settings.converged_iterations :], report]
-        yield report
-        if converged(reports, problem):
-            return
 
 
 def converged(reports: Sequence[IterationReport], problem: Problem) -> bool:

@@ -15,10 +15,10 @@ from app.schemas import answer
 from app.schemas_particles import HeaviestParticles, Marginals, ParticleReasons
 from app.sessions.readable import Readable, no_view
 from app.sessions.snapshot import Snapshot
-from pmpnbp.inference.belief import FLIP, NEIGHBOUR, OWN, SOURCES, START
+from pmpnbp.inference.belief import SOURCES
 from pmpnbp.readout.estimate import parts_of_links
 from pmpnbp.readout.marginals import marginals
-from pmpnbp.scene.articulated_object import Edge
+from pmpnbp.readout.particle_terms import ancestor_part, origin, terms
 
 router = APIRouter(prefix="/api/v1", tags=["results"])
 
@@ -97,32 +97,36 @@ def get_particle(session_id: SessionId, link: Link, index: Index, request: Reque
     session, made = read(request, session_id, iteration, [link])
     node = _node(made, link)
     _check_index(made, index)
-    model, belief = made.problem.mrf.model, made.report.belief
-    why = session.why(made, model.parts[node].name, index)
-    pose = made.placed.particles[index, model.links.index(link)]
-    unary = why["temperature"] * why["log_unary"]
-    shares = {sender["from"]: sender["log_share"] for sender in why["messages"]}
-    joints = None if belief.joint_positions is None else model.joint_values(belief.joint_positions[index])
+    problem, report = made.problem, made.report
+    model, joint_positions = problem.mrf.model, report.belief.joint_positions
+    found = terms(problem, report, node, index)
+    joints = None if joint_positions is None else model.joint_values(joint_positions[index])
     return without_nan(
         _head(session, made, link)
         | _particle(made, node, index)
         | {
-            "pose": pose.tolist(),
-            "stage": why["stage"],
-            "origin": _origin(made, node, index),
-            "ancestor_part": why["ancestor_part"],
-            "island": why["island"],
-            "temperature": why["temperature"],
-            "log_potential": unary + why["log_prior"] + sum(shares.values()),
+            "pose": made.placed.particles[index, model.links.index(link)].tolist(),
+            "stage": report.stage,
+            "origin": origin(problem, report, node, index),
+            "ancestor_part": model.parts[ancestor_part(report, node, index)].name,
+            "island": int(report.belief.island[node, index]),
+            "temperature": float(report.temperature[node]),
+            "log_potential": found.log_potential,
             "shares": {
-                "unary": unary,
-                "prior": why["log_prior"],
-                "messages": shares,
-                "constant": why["log_constant"],
+                "unary": found.unary,
+                "prior": found.prior,
+                "messages": {message.sender: message.log_share for message in found.messages},
+                "constant": found.constant,
             },
             "messages": [
-                {**sender, "joint_draw": _axes(made, node, sender["from"], sender["joint_draw"])}
-                for sender in why["messages"]
+                {
+                    "from": message.sender,
+                    "log_share": message.log_share,
+                    "log_unary": message.log_unary,
+                    "log_neighbour": message.log_neighbour,
+                    "joint_draw": message.joint_draw,
+                }
+                for message in found.messages
             ],
             "joint_positions": None if joints is None else {name: _number(moved) for name, moved in joints.items()},
         }
@@ -190,49 +194,6 @@ def _particle(made: Snapshot, node: int, index: int) -> dict[str, Any]:
         "neighbour": parts[lender].name if lender >= 0 else None,
         "ancestor": ancestor if ancestor >= 0 else None,
     }
-
-
-def _origin(made: Snapshot, node: int, index: int) -> str:
-    """Where a particle comes from, one sentence."""
-    belief, model = made.report.belief, made.problem.mrf.model
-    source, ancestor = int(belief.source[node, index]), int(belief.ancestor[node, index])
-    own, before = model.parts[node].name, made.iteration - 1
-    if source == START:
-        return "It was placed at the start." if made.iteration == 0 else "It was drawn anew from the prior."
-    if source == NEIGHBOUR:
-        lender = int(belief.neighbour[node, index])
-        joints = " and ".join(joint.name for joint in _joints(made, node, lender))
-        return (
-            f"It was proposed through {joints or 'a joint'} from {model.parts[lender].name}: particle {ancestor} of "
-            f"{model.parts[lender].name} in iteration {before}, with a position of the joint drawn anew."
-        )
-    if source == OWN and ancestor >= 0:
-        return f"It descends from particle {ancestor} of {own} in iteration {before}, moved by the diffusion."
-    if source == FLIP:
-        descent = f" from particle {ancestor} of iteration {before}" if ancestor >= 0 else ""
-        return f"It belongs to a hypothesis of the whole object that was flipped{descent}."
-    if source == OWN:
-        return f"It was drawn from {own}'s own belief."
-    return "It belongs to a hypothesis that puts oriented surface points of a part on oriented points of the scan."
-
-
-def _edge(made: Snapshot, node: int, other: int) -> Edge | None:
-    edges = made.problem.mrf.model.edges
-    return next((edge for edge in edges if {edge.parent, edge.child} == {node, other}), None)
-
-
-def _joints(made: Snapshot, node: int, other: int) -> tuple[Any, ...]:
-    edge = _edge(made, node, other)
-    return () if edge is None else made.problem.mrf.model.edge_joints(edge)
-
-
-def _axes(made: Snapshot, node: int, sender: str, drawn: list[float]) -> dict[str, float]:
-    """The joint draw of a message by joint; of a joint with several axes by each of them."""
-    model = made.problem.mrf.model
-    other = next(number for number, part in enumerate(model.parts) if part.name == sender)
-    edge = _edge(made, node, other)
-    # not strict: all edges draw as many numbers as the longest has axes
-    return {} if edge is None else dict(zip(model.edge_axis_names(edge), drawn, strict=False))
 
 
 def _number(moved: Any) -> float | list[float]:

@@ -96,11 +96,6 @@ class History:
         with Recording(self.path) as recording:
             return recording.report(iteration), self._row(recording, iteration)
 
-    def why(self, iteration: int, part: str, particle: int, problem: Problem) -> dict[str, Any]:
-        """Why a particle weighs what it does, as `Recording.why`; `problem` is what the iteration was made with."""
-        with Recording(self.path) as recording:
-            return recording.why(iteration, part, particle, problem)
-
     def step(self, iteration: int, problem: Problem, since: int = 0) -> Step:
         """An iteration as it was just after it was made, to go on from with `problem`; whether it is at rest is told by
         iterations from `since` on."""

@@ -44,9 +44,6 @@ class Kept(Protocol):
     def report(self, iteration: int) -> tuple[IterationReport, Row]:
         """An iteration's report and row."""
 
-    def why(self, iteration: int, part: str, particle: int, problem: Problem) -> dict[str, Any]:
-        """`Recording.why`."""
-
     def copy_to(self, path: Path) -> None:
         """A consistent copy as one file."""
 
@@ -159,13 +156,6 @@ class Past:
         the recording is damaged."""
         self.check()
         return self._history.rows(after, last)
-
-    def why(self, made: Snapshot, part: str, particle: int) -> dict[str, Any]:
-        """Why a particle of an iteration that `read` gave weighs what it does; as `Recording.why`. HttpProblem 404."""
-        try:
-            return self._history.why(made.iteration, part, particle, made.problem)
-        except RecordingError as error:
-            raise HttpProblem(404, str(error)) from None
 
     def copy_to(self, path: Path) -> None:
         """A consistent copy of the recording, also of a damaged one where it can be copied. HttpProblem 409."""

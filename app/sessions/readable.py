@@ -54,10 +54,6 @@ class Readable(ABC):
         """The trace, JSON, beyond iteration `after`, up to `last`. HttpProblem 409 where the recording is damaged."""
         return self._past.rows(after, last)
 
-    def why(self, made: Snapshot, part: str, particle: int) -> dict[str, Any]:
-        """`Recording.why` of a particle of `made`, which `read` gave."""
-        return self._past.why(made, part, particle)
-
     def copy_recording(self, path: Path) -> None:
         """A consistent copy of the recording. HttpProblem 409 where it is damaged."""
         self._past.copy_to(path)

@@ -15,10 +15,10 @@ from app import estimation
 from app.json_text import without_nan
 from app.problems import HttpProblem
 from app.sessions.events import Events
-from app.sessions.fitting import event_of
 from app.sessions.past import Past
 from app.sessions.readable import Readable, no_view
 from app.sessions.recorded_history import RecordedHistory
+from app.sessions.trace_row import event_of
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.readout.estimate import pose_members
 from pmpnbp.recording import Change, Inputs, Recording

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from app.json_text import json_bytes
-from app.sessions.fitting import check_fits, event_of, row_of
 from app.sessions.history import Row
 from app.sessions.snapshot import snapshot
+from app.sessions.trace_row import event_of, row_of
 from app.store.landing import full_disk_as_problem
 from pmpnbp.errors import RecordingError
 from pmpnbp.inference import run as engine
@@ -24,6 +24,7 @@ from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
 from pmpnbp.recording import Change, Recording
 from pmpnbp.recording.reopening import last_shown
+from pmpnbp.recording.report_check import check_fits
 
 # Problems kept, of the stretches between two changes.
 PROBLEMS = 3
@@ -103,14 +104,6 @@ class RecordedHistory:
         """An iteration's report and row. Raises RecordingError, also where it does not fit the model."""
         with Recording(self.path) as recording:
             return self._report(recording, iteration), self.row(iteration)
-
-    def why(self, iteration: int, part: str, particle: int, problem: Problem) -> dict[str, Any]:
-        """Why a particle weighs what it does, as `Recording.why`; `problem` is what the iteration was made with."""
-        with Recording(self.path) as recording:
-            try:
-                return recording.why(iteration, part, particle, problem)
-            except IndexError:  # shares of messages that are not there
-                raise RecordingError(f"iteration {iteration} does not fit the model of its recording") from None
 
     def copy_to(self, path: Path) -> None:
         """The file, byte for byte."""

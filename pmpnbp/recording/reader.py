@@ -1,4 +1,4 @@
-"""Reads a recording: iterations, the state after each, the problem they belong to, and why a weight is what it is."""
+"""Reads a recording: iterations, the state after each, and the problem they belong to."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ from types import TracebackType
 from typing import Any
 from urllib.parse import quote
 
-import numpy as np
 from numpy.typing import NDArray
 
 from pmpnbp.errors import RecordingError
-from pmpnbp.inference.belief import NEIGHBOUR, SOURCES, IterationReport, State
+from pmpnbp.inference.belief import IterationReport, State
 from pmpnbp.inference.problem import Problem
 from pmpnbp.recording import inputs as inputs_module
-from pmpnbp.recording.arrays import Arrays, incoming_messages, to_report, to_state
+from pmpnbp.recording.arrays import Arrays, to_report, to_state
 from pmpnbp.recording.changes import Change, changed_after, changes
 from pmpnbp.recording.inputs import Inputs
 from pmpnbp.recording.schema import APPLICATION_ID, VERSION, unpack
@@ -181,81 +180,6 @@ class Recording:
             return to_state(iteration, arrays)
         except _DAMAGE:
             raise self._damaged(f"iteration {iteration}") from None
-
-    def why(self, iteration: int, part: int | str, particle: int, problem: Problem | None = None) -> dict[str, Any]:
-        """Why a particle weighs what it does, and where it comes from; `problem` is `problem(iteration)`, where the
-        caller has it.
-
-        log_weight = temperature * log_unary + log_prior + the sum of the messages' log_share + a constant of the part,
-        which `log_constant` is. Each of `messages` has its sender as `from`, its two factors there, `log_unary` and
-        `log_neighbour` (from the sender's other neighbours), and the joint draw that did best. Iterations of the search
-        have no messages: particles that belong to one hypothesis (`island`) share its whole-object score. Nor has the
-        particle filter: potential, prior and weight are those of the whole object.
-        """
-        node = self._node(part)
-        report = self.report(iteration)
-        belief, messages = report.belief, report.messages
-        count = belief.log_weights.shape[1]
-        if not 0 <= particle < count:
-            raise RecordingError(f"particle {particle} is not in the recording; a part has particles 0 to {count - 1}")
-        lender = int(belief.neighbour[node, particle])
-        source = int(belief.source[node, particle])
-        shares = report.log_message_shares[node, particle]
-        senders = []
-        if messages is not None:
-            judged = messages.poses.shape[1]
-            for place, message in enumerate(incoming_messages(messages.receiver, len(self.parts))[node]):
-                if np.isnan(shares[place]):
-                    continue  # pooled: this particle is another message's
-                # pooled samples stand message after message, shared ones have the same number in all
-                row = particle if judged == count else particle - place * judged
-                senders.append(
-                    {
-                        "from": self.parts[int(messages.sender[message])],
-                        "log_share": float(shares[place]),
-                        "log_unary": float(messages.log_unary[message, row]),
-                        "log_neighbour": float(messages.log_neighbour[message, row]),
-                        "joint_draw": messages.joint_draw[message, row].tolist(),
-                    }
-                )
-        prior = self._log_prior(node, report, particle, problem)
-        log_weight = float(belief.log_weights[node, particle])
-        tempered = float(report.temperature[node] * belief.log_unary[node, particle])
-        return {
-            "iteration": iteration,
-            "stage": report.stage,
-            "part": self.parts[node],
-            "particle": particle,
-            "pose": belief.poses[node, particle].tolist(),
-            "weight": float(np.exp(log_weight)),
-            "log_weight": log_weight,
-            "log_unary": float(belief.log_unary[node, particle]),
-            "temperature": float(report.temperature[node]),
-            "log_prior": prior,
-            "messages": senders,
-            "log_constant": log_weight - tempered - prior - sum(sender["log_share"] for sender in senders),
-            "source": SOURCES[source],
-            "ancestor": int(belief.ancestor[node, particle]),
-            "ancestor_part": self.parts[lender if source == NEIGHBOUR else node],
-            "neighbour": self.parts[lender] if lender >= 0 else None,
-            "island": int(belief.island[node, particle]),
-        }
-
-    def _log_prior(self, node: int, report: IterationReport, particle: int, known: Problem | None) -> float:
-        prior, settings = self._input("prior"), self.settings(report.iteration)
-        if prior["kind"] != "gaussian" or not settings.prior_factor or report.iteration == 0:
-            return 0.0
-        problem = known or self.problem(report.iteration)
-        if node != problem.prior_node and report.stage != "particle filter":
-            return 0.0
-        return float(problem.log_prior(report.belief.poses[problem.prior_node, particle]))
-
-    def _node(self, part: int | str) -> int:
-        if isinstance(part, str) and part in self.parts:
-            return self.parts.index(part)
-        if isinstance(part, int) and 0 <= part < len(self.parts):
-            return part
-        raise RecordingError(f"part {part!r} is not in the recording; it has {', '.join(self.parts)}")
 
     def _parts(self) -> tuple[str, ...]:
         try:

@@ -1,53 +1,28 @@
-"""Does what a recording from elsewhere says of an iteration fit the recording's own model?
+"""Does an iteration of a recording from elsewhere fit the recording's own model?
 
-Its bytes are as they were written, but who wrote them is not known: before anything is drawn or counted from arrays,
-their shapes and numbers are looked at, and a row of the trace is taken only where it is one.
+Its bytes are as they were written, but who wrote them is not known: the shapes and numbers of its arrays are checked
+before anything is drawn or counted from them.
 """
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
-from app.schemas import TraceRow
-from app.sessions.history import Row
 from pmpnbp.errors import RecordingError
-from pmpnbp.inference.belief import SOURCES, IterationReport
+from pmpnbp.inference.belief import SOURCES, IterationReport, Messages
 from pmpnbp.inference.problem import Problem
-from pmpnbp.scene.articulated_object import ArticulatedObject
 
 # Metres; nothing that a sensor sees is further away.
-FARTHEST = 1e4
+_MOST_DISTANT = 1e4
 
 
 def check_fits(problem: Problem, report: IterationReport) -> None:
     """RecordingError where arrays of a report have other shapes or kinds than its problem makes, or a pose is none."""
     if not _fits(problem, report):
         raise RecordingError(f"iteration {report.iteration} does not fit the model of its recording")
-
-
-def row_of(text: str, model: ArticulatedObject) -> Row | None:
-    """The row of the trace that `text` is, where it is one, about this model; its event is that of `event_of`."""
-    try:
-        row = TraceRow.model_validate(json.loads(text)).model_dump()
-        json.dumps(row, allow_nan=False)
-    except (ValueError, ValidationError, RecursionError):
-        return None
-    spread = row["std_xyz"]
-    if not 0 <= row["iteration"] < 2**31 or any(len(axes) != 3 for axes in spread.values()):
-        return None
-    if set(spread) != set(model.links) or set(row["effective_sample_size"]) != {part.name for part in model.parts}:
-        return None
-    return {**row, "event": event_of(row["iteration"])}
-
-
-def event_of(iteration: int) -> int:
-    """The number that stands for the event of an iteration, of which a recording has one each."""
-    return iteration + 1
 
 
 def _fits(problem: Problem, report: IterationReport) -> bool:
@@ -72,10 +47,10 @@ def _fits(problem: Problem, report: IterationReport) -> bool:
         return False
     if not _poses(belief.poses, (*each, 7)) or not np.all(belief.source < len(SOURCES)):
         return False
-    if not np.all(belief.neighbour < nodes):
-        return False
-    if messages is None:
-        return True
+    return bool(np.all(belief.neighbour < nodes)) and (messages is None or _messages_fit(problem, report, messages))
+
+
+def _messages_fit(problem: Problem, report: IterationReport, messages: Messages) -> bool:
     shares = max((len(incoming) for incoming in problem.mrf.incoming), default=0)
     edges, samples = len(problem.mrf.sender), messages.log_weights.shape[-1] if messages.log_weights.ndim else 0
     factors = messages.log_weights, messages.log_unary, messages.log_neighbour
@@ -86,7 +61,16 @@ def _fits(problem: Problem, report: IterationReport) -> bool:
         and _poses(messages.poses, (edges, samples, 7))
         and _numbers(messages.joint_draw, (edges, samples, problem.mrf.axes_per_edge))
         and report.log_message_shares.shape[2] == shares
+        and _shares_have_samples(report.log_message_shares, samples)
     )
+
+
+def _shares_have_samples(shares: NDArray[Any], samples: int) -> bool:
+    """Whether each share is of a sample that its message has: pooled samples stand message after message."""
+    if samples == shares.shape[1]:
+        return True
+    particle, place = np.nonzero(~np.isnan(shares).all(axis=0))
+    return bool(np.all(particle // samples == place))
 
 
 def _numbers(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
@@ -103,6 +87,6 @@ def _finite(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
 
 def _poses(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
     """Whether these are poses, with quaternions of about unit length."""
-    if not _finite(array, shape) or (array.size and np.abs(array).max() > FARTHEST):
+    if not _finite(array, shape) or (array.size and np.abs(array).max() > _MOST_DISTANT):
         return False
     return bool(np.allclose(np.linalg.norm(array[..., 3:], axis=-1), 1, atol=1e-3))

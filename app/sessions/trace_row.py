@@ -1,0 +1,31 @@
+"""Is what a recording from elsewhere says of an iteration a row of the trace? Who wrote it is not known."""
+
+from __future__ import annotations
+
+import json
+
+from pydantic import ValidationError
+
+from app.schemas import TraceRow
+from app.sessions.history import Row
+from pmpnbp.scene.articulated_object import ArticulatedObject
+
+
+def row_of(text: str, model: ArticulatedObject) -> Row | None:
+    """The row of the trace that `text` is, where it is one, about this model; its event is that of `event_of`."""
+    try:
+        row = TraceRow.model_validate(json.loads(text)).model_dump()
+        json.dumps(row, allow_nan=False)
+    except (ValueError, ValidationError, RecursionError):
+        return None
+    stds = row["std_xyz"]
+    if not 0 <= row["iteration"] < 2**31 or any(len(axes) != 3 for axes in stds.values()):
+        return None
+    if set(stds) != set(model.links) or set(row["effective_sample_size"]) != {part.name for part in model.parts}:
+        return None
+    return {**row, "event": event_of(row["iteration"])}
+
+
+def event_of(iteration: int) -> int:
+    """The number that stands for the event of an iteration, of which a recording has one each."""
+    return iteration + 1

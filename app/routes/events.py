@@ -3,30 +3,44 @@
 from __future__ import annotations
 
 import json
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import aclosing, suppress
+from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
 from typing import Annotated
 
 import anyio.to_thread
-from fastapi import APIRouter, Header, Query, Request
-from fastapi.responses import StreamingResponse
+from fastapi import APIRouter, Depends, Header, Query
+from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from app.json_text import json_bytes
 from app.problems import HttpProblem, responses
-from app.routes import event_stream
-from app.routes.event_stream import framed
-from app.routes.parameters import SessionId, readable
-from app.schemas import answer
+from app.routes.event_stream import RETRY, News, news, not_stored
+from app.routes.parameters import readable
 from app.sessions.events import Event
 from app.sessions.readable import Readable
 from pmpnbp.errors import RecordingError
 
 router = APIRouter(prefix="/api/v1", tags=["events"])
 
+Session = Annotated[Readable, Depends(readable)]
+Every = Annotated[float, Query(ge=0, le=10, description="seconds; 0: each iteration as it is made")]
+
+
+async def _news(session: Session, every: Every = 0) -> AsyncIterator[News]:
+    """Without a word of iterations that are gathered: each word takes time from the inference."""
+    events = session.events
+
+    def listen(tell: Callable[..., None]) -> Callable[[], None]:
+        return events.listen(
+            lambda: None if every and events.newest_kind == "iteration" and not events.closed else tell()
+        )
+
+    with news(listen) as found:
+        yield found
+
 
 @router.get(
     "/sessions/{session_id}/events",
-    response_class=StreamingResponse,
+    response_class=EventSourceResponse,
     operation_id="get_events",
     summary="What happens, as it happens",
     description="Server-sent events. `iteration`: a row of the trace. `state`: state, iteration, iterations, until, "
@@ -35,49 +49,34 @@ router = APIRouter(prefix="/api/v1", tags=["events"])
     "slow listener may miss iterations, never the newest. With `every`, iterations are gathered and come once in so "
     "many seconds; states and errors, and the iterations before them, come at once. That of an uploaded recording "
     "tells how it ends, and stays open.",
-    responses=answer("The stream.", content={"text/event-stream": {"schema": {"type": "string"}}}) | responses(404),
+    dependencies=[Depends(not_stored)],
+    responses=responses(404),
 )
 async def get_events(
-    session_id: SessionId,
-    request: Request,
+    session: Session,
+    fresh: Annotated[News, Depends(_news)],
     last_event_id: Annotated[
         str | None, Header(description="number of the last event that was received", pattern="^[0-9]{0,15}$")
     ] = None,
-    every: Annotated[float, Query(ge=0, le=10, description="seconds; 0: each iteration as it is made")] = 0,
-) -> StreamingResponse:
-    """The stream; it ends with the session, or the server."""
-    session = await readable(request, session_id)
-    seen = int(last_event_id) if last_event_id else None
-    return event_stream.response(_stream(session, seen, every))
-
-
-async def _stream(session: Readable, seen: int | None, every: float) -> AsyncIterator[bytes]:
-    """The text of the stream: what came after event `seen` (None: how things stand), then everything new."""
+    every: Every = 0,
+) -> AsyncIterator[ServerSentEvent]:
+    """What came after the last event that was received (none: how things stand), then everything new; ends with the
+    session, or the server."""
     events = session.events
     cursor = events.last
-    yield event_stream.RETRY
+    yield RETRY
+    seen = int(last_event_id) if last_event_id else None
     for event in await anyio.to_thread.run_sync(_before, session, seen, cursor):
-        yield framed(event.kind, event.data, event.number)
-
-    def fresh(_: list[str]) -> Iterator[bytes]:
-        nonlocal cursor
+        yield _sent(event)
+    while not events.closed:
         for event in events.since(cursor):
-            yield framed(event.kind, event.data, event.number)
+            yield _sent(event)
             cursor = event.number
+        await fresh.words(every or None)
 
-    def listen(wake: Callable[..., None]) -> Callable[[], None]:
-        """Without a word of iterations that are gathered: each word takes time from the inference."""
 
-        def hear() -> None:
-            if not every or events.closed or events.newest_kind != "iteration":
-                wake()
-
-        return events.listen(hear)
-
-    pace = every or event_stream.KEEP_ALIVE
-    async with aclosing(event_stream.follow(listen, fresh, lambda: events.closed, pace)) as following:
-        async for text in following:
-            yield text
+def _sent(event: Event) -> ServerSentEvent:
+    return ServerSentEvent(id=str(event.number), event=event.kind, raw_data=event.data.decode())
 
 
 def _before(session: Readable, seen: int | None, cursor: int) -> list[Event]:

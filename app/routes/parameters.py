@@ -29,7 +29,7 @@ def sessions_of(request: Request) -> Sessions:
     return found
 
 
-async def readable(request: Request, session_id: str) -> Readable:
+async def readable(request: Request, session_id: SessionId) -> Readable:
     """`Sessions.get` for calls in the event loop: from memory, and in a thread only what is not there. HttpProblem
     404."""
     sessions = sessions_of(request)

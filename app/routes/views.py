@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Iterator
-from contextlib import aclosing, contextmanager
+from contextlib import contextmanager
 from typing import Annotated, Any
 
-import anyio.to_thread
-from fastapi import APIRouter, Path, Request, Response
-from fastapi.responses import HTMLResponse, StreamingResponse
+from fastapi import APIRouter, Depends, Path, Request, Response
+from fastapi.responses import HTMLResponse
+from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from app import view_schemas
 from app.json_text import json_bytes
 from app.problems import HttpProblem, responses
-from app.routes import event_stream
-from app.routes.event_stream import framed
+from app.routes.event_stream import RETRY, News, news, not_stored
 from app.routes.parameters import ReadableId, sessions_of
 from app.schemas import answer
 from app.security import VIEW_POLICY
@@ -71,21 +70,38 @@ def change_view(session_id: ReadableId, view_id: ViewId, body: view_schemas.View
         return view.answer()
 
 
+def _kept(session_id: ReadableId, view_id: ViewId, request: Request) -> Iterator[View]:
+    with _view(request, session_id, view_id) as view:
+        yield view
+
+
+async def _news(view: Annotated[View, Depends(_kept)]) -> AsyncIterator[News]:
+    with news(view.listen) as found:
+        yield found
+
+
 @router.get(
     "/sessions/{session_id}/views/{view_id}/events",
-    response_class=StreamingResponse,
+    response_class=EventSourceResponse,
     operation_id="get_view_events",
     summary="What changes in a 3D view, as it changes",
     description="Server-sent events. `view`: the whole state, first as it is, then after each change, those made in "
     "the scene too: a click on a particle, a dragged handle, another place to look from. `drawn`: what was drawn, each "
     "time.",
-    responses=answer("The stream.", content={"text/event-stream": {"schema": {"type": "string"}}}) | responses(404),
+    dependencies=[Depends(not_stored)],
+    responses=responses(404),
 )
-async def get_view_events(session_id: ReadableId, view_id: ViewId, request: Request) -> StreamingResponse:
+async def get_view_events(
+    view: Annotated[View, Depends(_kept)], fresh: Annotated[News, Depends(_news)]
+) -> AsyncIterator[ServerSentEvent]:
     """The stream; it ends with the view."""
-    views = _views(request)
-    view = await anyio.to_thread.run_sync(views.keep, session_id, view_id, sessions_of(request).get)
-    return event_stream.response(_stream(views, view))
+    yield RETRY
+    told = {"view"}
+    while not view.closed:
+        for what in sorted(told, reverse=True):
+            state = view.answer() if what == "view" else view.drawn_members()
+            yield ServerSentEvent(event=what, raw_data=json_bytes(state).decode())
+        told = {"view" if what == "clients" else what for what in await fresh.words()}
 
 
 @router.get(
@@ -146,22 +162,3 @@ def _check_edge(edge: list[str] | None, model: ArticulatedObject) -> None:
     if edge is not None and set(edge) not in [set(pair) for pair in pairs]:
         known = ", ".join(f"{parent}-{child}" for parent, child in pairs)
         raise ViewStateError(f"no joint connects {edge[0]!r:.60} and {edge[1]!r:.60}; there are {known or 'none'}")
-
-
-async def _stream(views: Views, view: View) -> AsyncIterator[bytes]:
-    news = {"view"}
-
-    def fresh(told: list[str]) -> Iterator[bytes]:
-        news.update("view" if what == "clients" else what for what in told)
-        found = sorted(news, reverse=True)
-        news.clear()
-        for what in found:
-            yield framed(what, json_bytes(view.answer() if what == "view" else view.drawn_members()))
-
-    try:
-        yield event_stream.RETRY
-        async with aclosing(event_stream.follow(view.listen, fresh, lambda: view.closed)) as following:
-            async for text in following:
-                yield text
-    finally:
-        views.release(view)

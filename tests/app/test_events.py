@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
 import threading
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
 
+import fastapi.routing
 import httpx
 import pytest
 
 from app import estimation
-from app.routes.events import _stream
+from app.routes.events import _news, get_events
 from app.schemas import Progress, TraceRow
 from app.sessions.events import BLOCK, KEPT, Event, Events
 from app.sessions.sessions import Sessions
@@ -85,6 +85,17 @@ def test_a_listener_hears_how_things_stand_and_then_everything(served: Any, clie
         (TraceRow if kind == "iteration" else Progress).model_validate(data)
 
 
+def test_a_stream_is_kept_alive_and_never_stored(
+    served: Any, client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fastapi.routing, "_PING_INTERVAL", 0.05)
+    with httpx.stream("GET", f"{served.url}{small.create(client)}/events", timeout=None) as answer:
+        assert "no-store" in answer.headers["cache-control"] and answer.headers["x-accel-buffering"] == "no"
+        lines = answer.iter_lines()
+        assert next(lines) == "retry: 1000"
+        assert any(line.startswith(":") for line in lines)
+
+
 def test_iterations_are_gathered_where_they_are_not_waited_for() -> None:
     """They come with the next state or error, and after as long as was asked for."""
     events = Events(limit=1000)
@@ -99,8 +110,9 @@ def test_iterations_are_gathered_where_they_are_not_waited_for() -> None:
         kinds: list[str] = []
 
         async def follow() -> None:
-            async for text in _stream(session, None, every):
-                kinds.extend(re.findall("event: (.*)", text.decode()))
+            async for fresh in _news(session, every):
+                async for event in get_events(session, fresh, None, every):
+                    kinds.extend([event.event] if event.event else [])
 
         following = asyncio.create_task(follow())
         while kinds != ["state"]:  # how things stand

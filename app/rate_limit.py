@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections import Counter, OrderedDict
+from collections import Counter
 
+from cachetools import LRUCache
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.problems import HttpProblem, problem_response
@@ -28,7 +29,7 @@ class Buckets:
     def __init__(self, per_second: float) -> None:
         self._rate = per_second
         self._size = max(1.0, per_second * BURST_SECONDS)
-        self._levels: OrderedDict[str, tuple[float, float]] = OrderedDict()
+        self._levels: LRUCache[str, tuple[float, float]] = LRUCache(REMEMBERED_CLIENTS)
 
     def take(self, client: str, now: float) -> float:
         """Take a permit: 0 where there was one, else the seconds until there is."""
@@ -36,8 +37,6 @@ class Buckets:
         level = min(self._size, level + (now - since) * self._rate)
         wait = 0.0 if level >= 1.0 else (1.0 - level) / self._rate
         self._levels[client] = (level - 1.0 if wait == 0.0 else level, now)
-        if len(self._levels) > REMEMBERED_CLIENTS:
-            self._levels.popitem(last=False)
         return wait
 
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import logging
 import os
-from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import trimesh
+from cachetools import LRUCache
 from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
@@ -70,7 +70,7 @@ class PartImages:
             raise DrawingError(
                 f"pictures cannot be drawn on this machine: OpenGL through EGL fails ({reason})"
             ) from None
-        self._scenes: OrderedDict[int, tuple[ArticulatedObject, Any, list[Any]]] = OrderedDict()
+        self._scenes: LRUCache[int, tuple[ArticulatedObject, Any, list[Any]]] = LRUCache(KEPT)
 
     def close(self) -> None:
         """Free what OpenGL holds."""
@@ -129,9 +129,6 @@ class PartImages:
             scene = self._pyrender.Scene(bg_color=np.zeros(4))
             nodes = [scene.add(self._shape(drawn(part))) if part.visible else None for part in model.parts]
             self._scenes[key] = model, scene, nodes  # with the model, so that no other one can have its id
-            if len(self._scenes) > KEPT:
-                self._scenes.popitem(last=False)
-        self._scenes.move_to_end(key)
         return self._scenes[key][1:]
 
     def _shape(self, mesh: Mesh) -> Any:

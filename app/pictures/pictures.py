@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import io
 import logging
-from collections import OrderedDict
 from collections.abc import Hashable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from threading import Lock
 
 import numpy as np
+from cachetools import LRUCache
 from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
@@ -55,8 +55,8 @@ class Pictures:
     def __init__(self) -> None:
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="pictures")
         self._images: PartImages | None = None
-        self._backdrops: OrderedDict[Hashable, tuple[NDArray[np.uint8], NDArray[np.float32]]] = OrderedDict()
-        self._kept: OrderedDict[Hashable, bytes] = OrderedDict()
+        self._backdrops: LRUCache[Hashable, tuple[NDArray[np.uint8], NDArray[np.float32]]] = LRUCache(KEPT_BACKDROPS)
+        self._kept: LRUCache[Hashable, bytes] = LRUCache(KEPT)
         self._lock = Lock()
 
     def draw(
@@ -80,17 +80,12 @@ class Pictures:
     def kept(self, name: Hashable) -> bytes | None:
         """The picture that was last kept under this name, if it still is."""
         with self._lock:
-            if name in self._kept:
-                self._kept.move_to_end(name)
             return self._kept.get(name)
 
     def keep(self, name: Hashable, picture: bytes) -> None:
         """Keep a picture under a name, until KEPT others have been asked for since."""
         with self._lock:
             self._kept[name] = picture
-            self._kept.move_to_end(name)
-            while len(self._kept) > KEPT:
-                self._kept.popitem(last=False)
 
     def close(self) -> None:
         """Free what is held, after the picture being drawn."""
@@ -123,14 +118,11 @@ class Pictures:
         """The scan in grey, and its depth at that size."""
         name = (scan_name, across)
         if scan_name is not None and name in self._backdrops:
-            self._backdrops.move_to_end(name)
             return self._backdrops[name]
         depth = without_specks(resized(scan.depth, across, down), scan)
         made = _to_bytes(backdrop(scan, across, down)), depth
         if scan_name is not None:
             self._backdrops[name] = made
-            while len(self._backdrops) > KEPT_BACKDROPS:
-                self._backdrops.popitem(last=False)
         return made
 
     def _close(self) -> None:

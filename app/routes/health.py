@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Request, Response
 from fastapi.responses import PlainTextResponse
+from prometheus_client import CONTENT_TYPE_PLAIN_0_0_4, CollectorRegistry, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, InfoMetricFamily, Metric
+from prometheus_client.registry import Collector
 from pydantic import BaseModel, Field
+from starlette.datastructures import State
 
 from app.problems import HttpProblem, responses
 from app.version import version
 
 router = APIRouter(tags=["health"])
 
-# By the convention of Prometheus' text format, version 0.0.4
-_MEDIA_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 _STARTED = time.time()
 
 
@@ -54,46 +56,38 @@ def get_readiness(request: Request) -> Health:
     response_class=PlainTextResponse,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}, "description": "text format 0.0.4"}},
 )
-def get_metrics(request: Request) -> PlainTextResponse:
+def get_metrics(request: Request) -> Response:
     """Requests, clients, sessions by state, memory in bytes and seconds since the start, as Prometheus' text."""
-    state = request.app.state
-    documents: list[dict[str, Any]] = state.sessions.list()
-    lines = [
-        *_metric("info", "gauge", "which version runs", [({"version": version()}, 1)]),
-        *_metric("ready", "gauge", "1 once kernels are compiled and the store is open", [({}, int(state.ready))]),
-        *_metric("uptime_seconds", "gauge", "since the server was started", [({}, round(time.time() - _STARTED, 3))]),
-        *_metric("resident_memory_bytes", "gauge", "of the server's process", [({}, _resident_bytes())]),
-        *_metric("stored_bytes", "gauge", "in the data directory", [({}, state.store.used_bytes())]),
-        *_metric("clients", "gauge", "requests, streams and 3D views now open", [({}, state.traffic.connected)]),
-        *_metric(
-            "http_requests_total",
-            "counter",
-            "requests answered, by method and status",
-            [
-                ({"method": method, "status": str(status)}, count)
-                for (method, status), count in sorted(state.traffic.requests.items())
-            ],
-        ),
-        *_metric(
-            "sessions",
-            "gauge",
-            "sessions kept, by state",
-            [({"state": name}, count) for name, count in sorted(Counter(d["state"] for d in documents).items())],
-        ),
-    ]
-    return PlainTextResponse("\n".join(lines) + "\n", media_type=_MEDIA_TYPE)
+    registry = CollectorRegistry()  # the library's own is the process's, which may have several apps
+    registry.register(_Figures(request.app.state))
+    return Response(generate_latest(registry), media_type=CONTENT_TYPE_PLAIN_0_0_4)
 
 
-def _metric(name: str, kind: str, help_text: str, samples: list[tuple[dict[str, str], float]]) -> list[str]:
-    lines = [f"# HELP pmpnbp_{name} {help_text}", f"# TYPE pmpnbp_{name} {kind}"]
-    for labels, value in samples:
-        inside = ",".join(f'{key}="{_escaped(text)}"' for key, text in labels.items())
-        lines.append(f"pmpnbp_{name}{{{inside}}} {value}" if inside else f"pmpnbp_{name} {value}")
-    return lines
+class _Figures(Collector):
+    """What an app does at the moment."""
 
+    def __init__(self, state: State) -> None:
+        self._state = state
 
-def _escaped(text: str) -> str:
-    return text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+    def collect(self) -> Iterator[Metric]:
+        """Each figure, with its help."""
+        state = self._state
+        yield InfoMetricFamily("pmpnbp", "which version runs", {"version": version()})
+        yield GaugeMetricFamily("pmpnbp_ready", "1 once kernels are compiled and the store is open", state.ready)
+        yield GaugeMetricFamily("pmpnbp_uptime_seconds", "since the server was started", time.time() - _STARTED)
+        yield GaugeMetricFamily("pmpnbp_resident_memory_bytes", "of the server's process", _resident_bytes())
+        yield GaugeMetricFamily("pmpnbp_stored_bytes", "in the data directory", state.store.used_bytes())
+        yield GaugeMetricFamily("pmpnbp_clients", "requests, streams and 3D views now open", state.traffic.connected)
+        requests = CounterMetricFamily(
+            "pmpnbp_http_requests", "requests answered, by method and status", labels=["method", "status"]
+        )
+        for (method, status), count in sorted(state.traffic.requests.items()):
+            requests.add_metric([method, str(status)], count)
+        yield requests
+        sessions = GaugeMetricFamily("pmpnbp_sessions", "sessions kept, by state", labels=["state"])
+        for name, count in sorted(Counter(document["state"] for document in state.sessions.list()).items()):
+            sessions.add_metric([name], count)
+        yield sessions
 
 
 def _resident_bytes() -> int:

@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from cachetools import LRUCache
 
 from app.problems import HttpProblem
 from app.sessions.readable import Readable
@@ -31,6 +32,7 @@ from app.viewer.view import Drawn, Find, View
 from app.viewer.view_state import Eye, ViewState
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.problem import Problem
 
 # Pictures a second, at most; and the same of a running session where the processor draws them.
 RATE, ECONOMY_RATE = 12.0, 0.5
@@ -50,7 +52,7 @@ class Painter:
         self._wake = threading.Event()
         self._painting = threading.Lock()
         self._drawing: Drawing | None = None
-        self._stages: dict[object, Stage] = {}
+        self._stages: LRUCache[object, tuple[Problem, Stage]] = LRUCache(STAGES)
         self._scans: dict[tuple[str, int], ScanPoints] = {}
         self._targets: Targets | None = None
         self._drawn_key: object = None
@@ -159,13 +161,10 @@ class Painter:
 
     def _stage(self, source: Readable, made: Snapshot, scans: int) -> Stage:
         key = (source.id, id(made.problem), scans)
-        found = self._stages.pop(key, None)
-        if found is None:
+        if key not in self._stages:
             found = stage(made.problem, tuple(self._scan(source, view) for view in range(scans)))
-        self._stages[key] = found
-        while len(self._stages) > STAGES:
-            del self._stages[next(iter(self._stages))]
-        return found
+            self._stages[key] = made.problem, found  # with the problem, so that no other one can have its id
+        return self._stages[key][1]
 
     def _scan(self, source: Readable, view: int) -> ScanPoints:
         key = (source.id, view)

@@ -19,6 +19,7 @@ import pytest
 from app.commands.serve import link
 from app.routes.start_page import MEDIA_TYPES, STATIC
 from app.server_config import ServerConfig, config_from, default_data_dir, environment_name
+from app.version import version
 from pmpnbp.errors import SettingError
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -196,7 +197,15 @@ def test_metrics_are_prometheus_text(page: httpx.Client) -> None:
             name, value = line.rsplit(" ", 1)
             samples[name] = float(value)
     assert samples['pmpnbp_http_requests_total{method="GET",status="404"}'] >= 1
-    assert samples["pmpnbp_clients"] == 1
+    assert samples["pmpnbp_clients"] == 1 and samples[f'pmpnbp_info{{version="{version()}"}}'] == 1
+    assert {"pmpnbp_ready", "pmpnbp_stored_bytes"} <= set(samples)
     assert samples["pmpnbp_uptime_seconds"] > 0 and samples["pmpnbp_resident_memory_bytes"] > 1e7
     names = {line.split()[2] for line in answer.text.splitlines() if line.startswith("# TYPE")}
     assert {name.split("{")[0] for name in samples} <= names
+    assert names == {
+        f"pmpnbp_{name}"
+        for name in (
+            *("info", "ready", "uptime_seconds", "resident_memory_bytes", "stored_bytes", "clients"),
+            *("http_requests_total", "sessions"),
+        )
+    }

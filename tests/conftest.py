@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+pytest_plugins = ["tests.machine_facts"]
+
 # pyrender reads this when it is first imported; without a display every other platform fails.
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 

@@ -129,7 +129,7 @@ def _add_estimate(commands: argparse._SubParsersAction[_Parser]) -> None:
     )
     add(
         "--roi",
-        type=_region,
+        type=_roi,
         metavar="X0,Y0,Z0,X1,Y1,Z1",
         help="the box the object is in, two corners, metres in world; write --roi=… as numbers may be negative",
     )
@@ -279,7 +279,7 @@ def _reproduce(arguments: argparse.Namespace) -> int:
     return run(arguments)
 
 
-def _region(text: str) -> list[float]:
+def _roi(text: str) -> list[float]:
     try:
         numbers = [float(number) for number in text.split(",")]
     except ValueError:

@@ -51,7 +51,7 @@ class Step:
 def prepare(
     model: Path,
     scans: Sequence[Scan],
-    region: Sequence[float] | None,
+    roi: Sequence[float] | None,
     prior: Path | Mapping[str, object] | None,
     settings: Settings,
     *,
@@ -61,11 +61,11 @@ def prepare(
 ) -> tuple[Problem, Inputs]:
     """The problem, and the inputs that a recording keeps of it.
 
-    model : a URDF or zip; region : x0 y0 z0 x1 y1 z1, metres, world, or None; prior : prior.json, its members, or None
+    model : a URDF or zip; roi : x0 y0 z0 x1 y1 z1, metres, world, or None; prior : prior.json, its members, or None
     for upright anywhere; method : one of `settings.METHODS`. Raises PmpnbpError for what does not fit together.
     """
     found = load_model(model, triangle_budget=settings.triangles)
-    box = None if region is None else np.array(region, dtype=np.float64)
+    box = None if roi is None else np.array(roi, dtype=np.float64)
     observation = observe(scans, box, width=settings.image_width)
     known = UniformPrior("upright") if prior is None else load_prior(prior, found)
     problem = problem_module.build(found, observation, known, settings, particles=particles, seed=seed, method=method)

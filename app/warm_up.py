@@ -87,8 +87,8 @@ def _scan(model: ArticulatedObject, pose: poses.Array, joints: poses.Array) -> S
 def _estimate(
     model: ArticulatedObject, scan: Scan, prior: UniformPrior | GaussianPrior, settings: Settings, particles: int
 ) -> None:
-    region = np.array([-1.0, -1.0, 0.5, 1.0, 1.0, 2.2])
-    problem = problems.build(model, observe([scan], region), prior, settings, particles=particles, seed=0)
+    roi = np.array([-1.0, -1.0, 0.5, 1.0, 1.0, 2.2])
+    problem = problems.build(model, observe([scan], roi), prior, settings, particles=particles, seed=0)
     *_, report = engine.iterate(problem, 4)
     estimate(problem, report)
 

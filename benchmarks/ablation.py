@@ -69,12 +69,12 @@ class Case:
 def case(model: ArticulatedObject, folder: Path, settings: Settings) -> Case:
     """The scene in `folder`."""
     truth = json.loads((folder / "truth.json").read_text())
-    region = np.array(json.loads((folder / "region.json").read_text())["region"])
+    roi = np.array(json.loads((folder / "roi.json").read_text())["roi"])
     scan = load_scan(folder / "depth.png", folder / "camera.json")
     part_poses = np.stack([poses.from_matrix(np.array(truth["links"][p.links[0]]).reshape(4, 4)) for p in model.parts])
     visible = [max(truth["visible_fraction"].get(link, 0.0) for link in part.links) for part in model.parts]
     return Case(
-        observe([scan], region, width=settings.image_width),
+        observe([scan], roi, width=settings.image_width),
         part_poses,
         np.array(visible) >= VISIBLE,
         tuple(model_points(part.mesh) for part in model.parts),

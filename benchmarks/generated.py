@@ -97,8 +97,8 @@ def generated_case(kind: str, parts: int, settings: Settings) -> Case:
         poses.transform_points(pose, part.mesh.vertices) for pose, part in zip(true_poses, model.parts, strict=True)
     ]
     everything = np.concatenate(corners)
-    region = np.concatenate([everything.min(axis=0) - MARGIN, everything.max(axis=0) + MARGIN])
-    observation = observe([Scan(camera, depth.astype(np.float32))], region, width=settings.image_width)
+    roi = np.concatenate([everything.min(axis=0) - MARGIN, everything.max(axis=0) + MARGIN])
+    observation = observe([Scan(camera, depth.astype(np.float32))], roi, width=settings.image_width)
     count = len(model.parts)
     return Case(
         f"{kind}_{parts}",

@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks import options
 from benchmarks.success import ROUGH_ITERATIONS, TOLERANCE, succeeds
 from benchmarks.tables import centimetres, markdown, progress, rate
-from benchmarks.trials import Case, Trial, load_case, load_region, run_trial, warm_kernels
+from benchmarks.trials import Case, Trial, load_case, load_roi, run_trial, warm_kernels
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior, load_prior
 from pmpnbp.scene.urdf import load_model
 from pmpnbp.settings import Settings
@@ -46,7 +46,7 @@ def load_scene(kind: str, number: int, parent: Path, settings: Settings) -> tupl
     model = load_model(folder / "model.urdf", triangle_budget=settings.triangles)
     prior = load_prior(folder / "prior.json", model)
     assert isinstance(prior, GaussianPrior)
-    return load_case(folder.name, model, folder, load_region(folder), settings), prior
+    return load_case(folder.name, model, folder, load_roi(folder), settings), prior
 
 
 def study(

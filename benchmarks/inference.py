@@ -76,7 +76,7 @@ def measure(plan: Plan, say: Callable[[str], None] = progress) -> dict[str, Any]
         "reference": REFERENCE,
         "by_particles": by_particles,
         "by_parts": by_parts,
-        "to_convergence": [convergence(known, plan, say) for known in ("region", "rough")],
+        "to_convergence": [convergence(known, plan, say) for known in ("roi", "rough")],
         "peak_megabytes": peak_memory.measure() if plan.memory else None,
     }
 
@@ -127,7 +127,7 @@ def convergence(known: str, plan: Plan, say: Callable[[str], None] = progress) -
     mode, robust = MODES[known], preset("robust")
     trials: list[Trial] = []
     for scene in plan.scenes:
-        case = load_cabinet(scene, mode.region, robust)
+        case = load_cabinet(scene, mode.roi, robust)
         for seed in range(plan.seeds):
             say(f"to convergence, {mode.name}: {scene}, seed {seed}")
             trials.append(

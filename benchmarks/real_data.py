@@ -181,9 +181,9 @@ def report(robot: Robot, runs: Sequence[Run]) -> str:
 
 def _within_reach(whole: Case, robot: Robot, prior: GaussianPrior, folder: Path, settings: Settings) -> Case:
     """The case with its observation cropped to the robot's reach about the prior's base; shares as in the whole."""
-    region = np.tile(prior.pose_world_link[:3], 2) + np.array(robot.reach)
+    roi = np.tile(prior.pose_world_link[:3], 2) + np.array(robot.reach)
     scan = load_scan(folder / "depth.png", folder / "camera.json")
-    return replace(whole, observation=observe([scan], region, width=settings.image_width))
+    return replace(whole, observation=observe([scan], roi, width=settings.image_width))
 
 
 def _judged(robot: Robot, scan: str, seed: int, case: Case, trial: Trial, reading: float) -> Run:

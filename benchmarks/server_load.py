@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks import server_process
 from benchmarks.server_process import CABINET, upload_model, upload_scan
 from benchmarks.tables import markdown, progress
-from benchmarks.trials import load_region
+from benchmarks.trials import load_roi
 
 # A planner asks again after it has looked at the answer.
 PAUSE = 0.05
@@ -129,10 +129,10 @@ def _sessions(url: str) -> list[str]:
     """Two sessions on the open cabinet, each after one step so that there is an estimate."""
     with httpx.Client(base_url=f"{url}/api/v1", timeout=120.0) as client:
         model, scan = upload_model(client), upload_scan(client)
-        region = load_region(CABINET / "open").tolist()
+        roi = load_roi(CABINET / "open").tolist()
         found = []
         for seed in range(2):
-            body = {"model_id": model.json()["id"], "scan_ids": [scan.json()["id"]], "roi": region, "seed": seed}
+            body = {"model_id": model.json()["id"], "scan_ids": [scan.json()["id"]], "roi": roi, "seed": seed}
             found.append(str(client.post("/sessions", json=body).json()["id"]))
             client.post(f"/sessions/{found[-1]}/step", json={"iterations": 1}).raise_for_status()
         return found

@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks import options
 from benchmarks.tables import centimetres, markdown, progress, rate
-from benchmarks.trials import PROJECT, Case, Trial, load_case, load_region, rough_prior, run_trial, warm_kernels
+from benchmarks.trials import PROJECT, Case, Trial, load_case, load_roi, rough_prior, run_trial, warm_kernels
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.scene.urdf import load_model
 from pmpnbp.settings import Settings
@@ -29,10 +29,10 @@ ROUGH_METRES, ROUGH_DEGREES = 0.08, 8.6
 
 @dataclass(frozen=True)
 class Mode:
-    """What is known beforehand. region : whether a region of interest is; prior : by the run's seed."""
+    """What is known beforehand. roi : whether a region of interest is; prior : by the run's seed."""
 
     name: str
-    region: bool
+    roi: bool
     prior: Callable[[Case, int], UniformPrior | GaussianPrior]
     iterations: int | None = None
 
@@ -44,16 +44,16 @@ def rough(case: Case, seed: int) -> GaussianPrior:
 
 
 MODES = {
-    "region": Mode("no prior, region given", True, lambda case, seed: UniformPrior("upright")),
+    "roi": Mode("no prior, region given", True, lambda case, seed: UniformPrior("upright")),
     "everywhere": Mode("no prior, no region", False, lambda case, seed: UniformPrior("upright")),
     "rough": Mode("rough prior, region given", True, rough, ROUGH_ITERATIONS),
 }
 
 
-def load_cabinet(scene: str, region: bool, settings: Settings) -> Case:
+def load_cabinet(scene: str, roi: bool, settings: Settings) -> Case:
     """One scene of the sample cabinet."""
     model = load_model(CABINET / "cabinet.urdf", triangle_budget=settings.triangles)
-    box = load_region(CABINET / scene) if region else None
+    box = load_roi(CABINET / scene) if roi else None
     return load_case(scene, model, CABINET / scene, box, settings)
 
 
@@ -69,7 +69,7 @@ def study(
     """All runs of a mode: case, seed, trial."""
     found = []
     for scene in scenes:
-        case = load_cabinet(scene, mode.region, settings)
+        case = load_cabinet(scene, mode.roi, settings)
         if scene == scenes[0]:
             warm_kernels(case, settings, method)
         for seed in range(seeds):

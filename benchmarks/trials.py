@@ -125,14 +125,14 @@ class Made:
     at_rest: int | None
 
 
-def load_case(name: str, model: ArticulatedObject, folder: Path, region: Array | None, settings: Settings) -> Case:
-    """The scene in `folder` (depth.png, camera.json, truth.json) with `region` (6,), world, metres, or the whole image.
+def load_case(name: str, model: ArticulatedObject, folder: Path, roi: Array | None, settings: Settings) -> Case:
+    """The scene in `folder` (depth.png, camera.json, truth.json) with `roi` (6,), world, metres, or the whole image.
 
     Shares come from truth.json where it counts pixels, else from rendering the model at its true pose.
     """
     truth = load_truth(folder / "truth.json")
     more = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
-    observation = observe([load_scan(folder / "depth.png", folder / "camera.json")], region, width=settings.image_width)
+    observation = observe([load_scan(folder / "depth.png", folder / "camera.json")], roi, width=settings.image_width)
     true_poses = np.array([_true_pose(part, truth["links"]) for part in model.parts])
     if "pixels_alone" in more:
         shares = np.array([_share(part, more["visible_fraction"], more["pixels_alone"]) for part in model.parts])
@@ -145,9 +145,9 @@ def load_case(name: str, model: ArticulatedObject, folder: Path, region: Array |
     )
 
 
-def load_region(folder: Path) -> Array:
-    """The box (6,) in the folder's region.json."""
-    return np.array(json.loads((folder / "region.json").read_text(encoding="utf-8"))["region"], dtype=np.float64)
+def load_roi(folder: Path) -> Array:
+    """The box (6,) in the folder's roi.json."""
+    return np.array(json.loads((folder / "roi.json").read_text(encoding="utf-8"))["roi"], dtype=np.float64)
 
 
 def surface_points(model: ArticulatedObject) -> tuple[Array, ...]:

@@ -36,7 +36,7 @@ from benchmarks import server_process
 from benchmarks.browser import launched
 from benchmarks.server_process import CABINET, ServerProcess, upload_model, upload_scan
 from benchmarks.tables import markdown, progress
-from benchmarks.trials import PROJECT, load_region
+from benchmarks.trials import PROJECT, load_roi
 
 ROBOT = PROJECT / "sample_data" / "robot"
 VIEW = "benchmark"
@@ -258,7 +258,7 @@ def robot(client: httpx.Client) -> str:
 
 def create(client: httpx.Client, model: httpx.Response, scan: httpx.Response, scene: Path, **more: Any) -> str:
     """A session on what was uploaded."""
-    body = {"model_id": model.json()["id"], "scan_ids": [scan.json()["id"]], "roi": load_region(scene).tolist()}
+    body = {"model_id": model.json()["id"], "scan_ids": [scan.json()["id"]], "roi": load_roi(scene).tolist()}
     answer = client.post("/sessions", json=body | more)
     answer.raise_for_status()
     return str(answer.json()["id"])

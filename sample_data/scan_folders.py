@@ -1,4 +1,4 @@
-"""How is a scene kept? A folder with depth.png, camera.json, truth.json and region.json."""
+"""How is a scene kept? A folder with depth.png, camera.json, truth.json and roi.json."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from sample_data.rendering import Truth
 
-REGION_MARGIN = 0.10
+ROI_MARGIN = 0.10
 PRIOR_STD_METRES = 0.08
 PRIOR_STD_DEGREES = 8.6
 
@@ -55,8 +55,8 @@ def write_scan(folder: Path, depth: NDArray[np.uint16], camera: Camera, truth: T
             "pixels_alone": truth.pixels_alone,
         },
     )
-    margin = np.repeat([-REGION_MARGIN, REGION_MARGIN], 3)
-    write_json(folder / "region.json", {"region": _numbers(truth.bounds + margin, 4)})
+    margin = np.repeat([-ROI_MARGIN, ROI_MARGIN], 3)
+    write_json(folder / "roi.json", {"roi": _numbers(truth.bounds + margin, 4)})
 
 
 def write_prior(

@@ -73,7 +73,7 @@ def camera_before(pose_world_base: Array, azimuth: float, distance: float, heigh
 
 
 def write_scene(folder: Path, scene: Scene, rng: np.random.Generator) -> Truth:
-    """Render `scene` and write depth.png, camera.json, truth.json and region.json into `folder`."""
+    """Render `scene` and write depth.png, camera.json, truth.json and roi.json into `folder`."""
     depth, truth = render_scan(
         scene.urdf,
         scene.joint_positions,
@@ -207,7 +207,7 @@ KINDS: dict[str, Callable[[int], tuple[str, SceneBuilder]]] = {
 
 
 def held_out_scene(kind: str, seed: int, parent: Path | None = None) -> Path:
-    """Write a random scene: model.urdf, depth.png, camera.json, truth.json, region.json and a rough prior.json (8 cm
+    """Write a random scene: model.urdf, depth.png, camera.json, truth.json, roi.json and a rough prior.json (8 cm
     and 8.6 degrees per axis on the root link).
 
     kind : cabinet, door or chain; parent : where the folder `kind_seed` is made, by default a fresh temporary folder.

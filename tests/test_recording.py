@@ -43,7 +43,7 @@ def inputs_of(prior: str = "uniform", method: str = "pmpnbp", **changes: Any) ->
     scans = tuple(
         load_scan(CABINET / scene / "depth.png", CABINET / scene / "camera.json") for scene in ("open", "second_view")
     )
-    region = np.array(json.loads((CABINET / "open" / "region.json").read_text())["region"])
+    roi = np.array(json.loads((CABINET / "open" / "roi.json").read_text())["roi"])
     known = GaussianPrior(
         "drawer1",
         np.array([0.6, 0.4, 0.6, *poses.from_rpy([0.01, 0.02, 0.5])]),
@@ -55,7 +55,7 @@ def inputs_of(prior: str = "uniform", method: str = "pmpnbp", **changes: Any) ->
     return Inputs(
         CABINET / "cabinet.urdf",
         scans,
-        region,
+        roi,
         UniformPrior() if prior == "uniform" else known,
         settings,
         40,
@@ -132,7 +132,7 @@ def test_inputs_come_back(path: Path, uniform: tuple[Inputs, Any, Iterations], t
     for mine, theirs in zip(found.scans, inputs.scans, strict=True):
         assert_same(mine, theirs)
     assert (members["model"], members["method"], members["seed"], members["particles"]) == ("cabinet", "pmpnbp", 11, 40)
-    assert members["region"] == inputs.region.tolist()  # type: ignore[union-attr]
+    assert members["region"] == inputs.roi.tolist()  # type: ignore[union-attr]
 
 
 def test_an_iteration_that_is_not_there_is_named(path: Path) -> None:

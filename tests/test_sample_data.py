@@ -85,10 +85,10 @@ def test_the_truth_explains_the_depth(scan: str) -> None:
 
 
 @pytest.mark.parametrize("scan", SCANS)
-def test_region_is_the_box_of_the_truth_ten_centimetres_wider(scan: str) -> None:
-    region = read(SAMPLES / scan / "region.json")["region"]
+def test_the_roi_is_the_box_of_the_truth_ten_centimetres_wider(scan: str) -> None:
+    roi = read(SAMPLES / scan / "roi.json")["roi"]
     box = bounds(true_surfaces(SAMPLES / SCANS[scan], SAMPLES / scan))
-    np.testing.assert_allclose(region, box + [-0.1, -0.1, -0.1, 0.1, 0.1, 0.1], atol=1e-3)
+    np.testing.assert_allclose(roi, box + [-0.1, -0.1, -0.1, 0.1, 0.1, 0.1], atol=1e-3)
 
 
 @pytest.mark.parametrize("scan", SCANS)
@@ -165,7 +165,7 @@ def assert_same_scan(made: Path, kept: Path) -> None:
     assert np.mean(again[both] != depth[both]) <= 1e-4
     step = sensor.DISPARITY_STEP / sensor.FOCAL_BASELINE * depth[both] ** 2
     assert np.all(np.abs(again - depth)[both] <= 1.02 * step + 0.001)  # of which 1 mm is rounding
-    for name in ("camera", "truth", "region", "prior"):
+    for name in ("camera", "truth", "roi", "prior"):
         told, expected = read(made / f"{name}.json"), read(kept / f"{name}.json")
         for counted, tolerance in (("visible_fraction", 1e-3), ("pixels_alone", 5)):
             assert told.pop(counted, {}) == pytest.approx(expected.pop(counted, {}), abs=tolerance)

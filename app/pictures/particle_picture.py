@@ -20,7 +20,7 @@ from pmpnbp.potentials.unary import PixelScore, render_part
 from pmpnbp.scene.observation import NO_DEPTH, OBJECT, SUPPORT, View
 
 # What a covered pixel counts as.
-NOT_COVERED, EXPLAINED, ON_SUPPORT, IN_FRONT, SEEN_THROUGH, UNKNOWN, OUTSIDE_REGION = range(7)
+NOT_COVERED, EXPLAINED, ON_SUPPORT, IN_FRONT, SEEN_THROUGH, UNKNOWN, OUTSIDE_ROI = range(7)
 # Their colours, sRGB, apart for readers with any of the usual colour vision deficiencies: after Okabe and Ito.
 KIND_COLOURS = {
     EXPLAINED: "#0072b2",
@@ -28,7 +28,7 @@ KIND_COLOURS = {
     IN_FRONT: "#f0c83c",
     SEEN_THROUGH: "#c8430a",
     UNKNOWN: "#8a8f98",
-    OUTSIDE_REGION: "#b9a3c9",
+    OUTSIDE_ROI: "#b9a3c9",
 }
 # Depth from near to far, sRGB: lightness falls evenly.
 RAMP = ("#f6efd9", "#c9d3b0", "#86b1a0", "#4d8797", "#2f5a80", "#252f57")
@@ -112,7 +112,7 @@ def pixel_kinds(view: View, rendered: NDArray[np.float32], tolerance: float) -> 
     """What each pixel (h, w) counts as, where a part covers it: the cases of the robust pixel score.
 
     rendered : (h, w) metres, 0 where the part is not; tolerance : metres
-    EXPLAINED and ON_SUPPORT: within the tolerance, on what may be the object or on a support plane. OUTSIDE_REGION:
+    EXPLAINED and ON_SUPPORT: within the tolerance, on what may be the object or on a support plane. OUTSIDE_ROI:
     within it, but outside the region of interest, worth nothing. SEEN_THROUGH: observed further away, or the part
     stands behind a support plane; both cost as much. IN_FRONT: something else is nearer. UNKNOWN: no depth.
     """
@@ -124,7 +124,7 @@ def pixel_kinds(view: View, rendered: NDArray[np.float32], tolerance: float) -> 
         (~known, UNKNOWN),
         (known & near & (view.category == OBJECT), EXPLAINED),
         (known & near & support, ON_SUPPORT),
-        (known & near & ~support & (view.category != OBJECT), OUTSIDE_REGION),
+        (known & near & ~support & (view.category != OBJECT), OUTSIDE_ROI),
         (known & ~near & ((difference > 0) | support), SEEN_THROUGH),
         (known & ~near & (difference < 0) & ~support, IN_FRONT),
     )
@@ -287,7 +287,7 @@ def _legend(counts: dict[int, int], score: PixelScore) -> list[tuple[Colour, int
         IN_FRONT: ("something in front", f"{-score.occlusion_cost:g}"),
         SEEN_THROUGH: ("free space violated", f"{-score.free_space_cost:g}"),
         UNKNOWN: ("no depth", "0"),
-        OUTSIDE_REGION: ("outside the region", "0"),
+        OUTSIDE_ROI: ("outside the region", "0"),
     }
     robust = score.form == "robust"
     return [

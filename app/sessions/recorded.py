@@ -70,7 +70,7 @@ class Recorded(Readable):
             "method": self._document["method"],
             "particles": self._document["particles"],
             "seed": self._document["seed"],
-            "roi": None if inputs is None or inputs.region is None else inputs.region.tolist(),
+            "roi": None if inputs is None or inputs.roi is None else inputs.roi.tolist(),
             "prior": None if inputs is None else without_nan(_prior_members(inputs.prior)),
             "config": {} if inputs is None else without_nan(asdict(inputs.settings)),
             "max_std": estimation.MAX_STD,

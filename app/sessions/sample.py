@@ -118,7 +118,7 @@ def sample_document(store: Store, config: ServerConfig, scene: str = "open") -> 
         "name": sample.name,
         "model_id": model_id,
         "scan_ids": [scan_id],
-        "roi": _json(place / "region.json")["region"],
+        "roi": _json(place / "roi.json")["roi"],
         "prior": _json(place / "prior.json") if sample.prior else None,
         "truth": {
             name: members for name, members in _json(place / "truth.json").items() if name in ("links", "joints")

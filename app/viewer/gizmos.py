@@ -45,7 +45,7 @@ def gizmos(stage: Stage, state: ViewState) -> Iterator[Node]:
 
 def default_region(observation: Observation) -> tuple[float, ...]:
     """x0 y0 z0 x1 y1 z1, metres, world: the session's own, else a box around what may be the object."""
-    box = observation.region
+    box = observation.roi
     if box is None:
         points = observation.points if len(observation.points) else np.zeros((1, 3))
         low, high = np.percentile(points, (1, 99), axis=0)

@@ -111,8 +111,8 @@ def _clouds(scan: ScanPoints, observation: Observation) -> tuple[Cloud, Cloud]:
     """The points in the region of interest and not on a support plane, and all others."""
     points = scan.points
     inside = np.ones(len(points), dtype=bool)
-    if observation.region is not None:
-        inside = np.all((points >= observation.region[:3]) & (points <= observation.region[3:]), axis=1)
+    if observation.roi is not None:
+        inside = np.all((points >= observation.roi[:3]) & (points <= observation.roi[3:]), axis=1)
     for plane in observation.planes:
         inside &= points @ plane[:3] + plane[3] > ON_PLANE
     inner, outer = STRIDES

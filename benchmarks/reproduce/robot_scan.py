@@ -31,7 +31,7 @@ BELOW = 0.01
 
 
 def write(folder: Path, urdf: Path) -> None:
-    """Depth image, camera, truth and region into `folder`, the same for the same URDF.
+    """Depth image, camera, truth and region of interest into `folder`, the same for the same URDF.
 
     Raises ModelError for a URDF that cannot be used, ReproduceError for a robot that cannot be placed.
     """

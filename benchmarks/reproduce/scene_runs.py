@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.reproduce.ledger import Asked, Result
-from benchmarks.trials import PROJECT, Case, load_case, load_region, rough_prior, timed, warm_kernels
+from benchmarks.trials import PROJECT, Case, load_case, load_roi, rough_prior, timed, warm_kernels
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.readout.estimate import Placement, agreeing, place
@@ -149,13 +149,13 @@ def scene_case(scene: str, width: int, triangles: int, urdf: str | None = None, 
     model = load_model(model_file(scene) if urdf is None else Path(urdf), triangle_budget=triangles)
     settings = changed(Settings(), {"image_width": width, "triangles": triangles})
     folders = [SAMPLE_DATA / one for one in (scene, *views)]
-    region = load_region(folders[0])
-    cases = [load_case(scene, model, folder, region, settings) for folder in folders]
+    roi = load_roi(folders[0])
+    cases = [load_case(scene, model, folder, roi, settings) for folder in folders]
     if not views:
         return cases[0]
     scans = [scene_scan(one) for one in (scene, *views)]
     shares = np.max([case.shares for case in cases], axis=0)
-    return replace(cases[0], observation=observe(scans, region, width=width), shares=shares)
+    return replace(cases[0], observation=observe(scans, roi, width=width), shares=shares)
 
 
 @lru_cache(maxsize=8)

@@ -32,12 +32,12 @@ from pmpnbp.settings import Settings, changed, preset
 
 @dataclass(frozen=True)
 class Inputs:
-    """model : the URDF or zip that was loaded; region : (6,), metres, world, or None; the rest as `problem.build`
+    """model : the URDF or zip that was loaded; roi : (6,), metres, world, or None; the rest as `problem.build`
     takes it."""
 
     model: Path
     scans: tuple[Scan, ...]
-    region: Array | None
+    roi: Array | None
     prior: UniformPrior | GaussianPrior
     settings: Settings
     particles: int
@@ -47,7 +47,7 @@ class Inputs:
     def problem(self) -> Problem:
         """The problem these make. Raises PmpnbpError where they do not."""
         model = load_model(self.model, triangle_budget=self.settings.triangles)
-        observation = observe(self.scans, self.region, width=self.settings.image_width)
+        observation = observe(self.scans, self.roi, width=self.settings.image_width)
         return problem_module.build(
             model,
             observation,
@@ -68,7 +68,7 @@ def store(connection: sqlite3.Connection, inputs: Inputs, model: ArticulatedObje
         "parts": [{"name": part.name, "links": list(part.links)} for part in model.parts],
         "settings": asdict(inputs.settings),
         "prior": _prior_members(inputs.prior),
-        "region": None if inputs.region is None else [float(number) for number in inputs.region],
+        "region": None if inputs.roi is None else [float(number) for number in inputs.roi],
         "particles": inputs.particles,
         "seed": inputs.seed,
     }
@@ -87,13 +87,13 @@ def value(connection: sqlite3.Connection, name: str) -> Any:
 def restored_inputs(connection: sqlite3.Connection, folder: Path, iteration: int | None = None) -> Inputs:
     """What iteration `iteration` was made with, or else the next one will be; the model becomes a file in `folder`."""
     file_name, data = connection.execute("SELECT file_name, zip FROM model").fetchone()
-    region = value(connection, "region")
+    roi = value(connection, "region")
     path = folder / Path(file_name).name
     path.write_bytes(data)
     found = Inputs(
         path,
         first_scans(connection),
-        None if region is None else np.array(region),
+        None if roi is None else np.array(roi),
         _prior(value(connection, "prior")),
         first_settings(connection),
         value(connection, "particles"),

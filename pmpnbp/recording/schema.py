@@ -2,7 +2,7 @@
 
 | table | holds |
 | --- | --- |
-| `inputs` | JSON by name: version, method, model name, parts, settings, prior, region, particles, seed |
+| `inputs` | JSON by name: version, method, model name, parts, settings, prior, region (of interest), particles, seed |
 | `model` | the model as a zip that can be loaded again |
 | `scans` | depth image, camera, frame and stamp of each scan |
 | `iterations` | a row an iteration: stage, tolerance, score, seconds, notes; stays when its arrays are thinned out |

@@ -52,7 +52,7 @@ class Observation:
     points, normals : (P, 3) float64, world, metres: the OBJECT pixels of all views with a normal
     planes : (K, 4) support planes n·x + d = 0 in world, n towards the cameras
     up : (3,) unit vector, world: the direction away from the ground, which `upright` priors refer to
-    region : (6,) x0 y0 z0 x1 y1 z1 in world, or None
+    roi : (6,) x0 y0 z0 x1 y1 z1 in world, or None
     """
 
     views: tuple[View, ...]
@@ -60,6 +60,6 @@ class Observation:
     normals: Array
     planes: Array
     up: Array
-    region: Array | None
+    roi: Array | None
     frame_id: str = "world"
     stamp: float | None = None

@@ -31,7 +31,7 @@ FLOOR_COSINE = 0.5
 
 def observe(
     scans: Sequence[Scan],
-    region: Array | None = None,
+    roi: Array | None = None,
     *,
     width: int = 160,
     up: Array | None = None,
@@ -40,7 +40,7 @@ def observe(
 ) -> Observation:
     """The Observation of one scene in one or several `scans`, which share a world frame.
 
-    region : (6,) x0 y0 z0 x1 y1 z1, metres, world: the box that holds the object; None for everything that was seen
+    roi : (6,) x0 y0 z0 x1 y1 z1, metres, world: the box that holds the object; None for everything that was seen
     width : pixels, the most that the work image has across or down; scans are binned by whole factors, never blown up
     up : (3,) world, away from the ground; where it is not given: the world's z where a scan has a camera pose, else the
         normal of the plane that looks like a floor, else the picture's upward direction
@@ -57,18 +57,18 @@ def observe(
         raise ScanError(f"the scans are in different world frames, {', '.join(frames)}; expected one frame for all")
     if width < MARGIN * 2 + 10:
         raise ScanError(f"the work image's width is {width}; expected at least {MARGIN * 2 + 10} pixels")
-    box = None if region is None else _checked_region(region)
-    crops = [_crop(scan, box, width) for scan in scans]
+    roi = None if roi is None else _checked_roi(roi)
+    crops = [_crop(scan, roi, width) for scan in scans]
     if all(crop is None for crop in crops):
-        raise ScanError(_empty_region(scans, box))
-    scene = _scene_points(scans, box, plane_tolerance, plane_tolerance_growth)
+        raise ScanError(_nothing_in(scans, roi))
+    scene = _scene_points(scans, roi, plane_tolerance, plane_tolerance_growth)
     planes = find_support_planes(scene, _presumed_up(scans, up), up_is_known=up is not None or _has_pose(scans))
     views, points, normals = [], [], []
     for crop in crops:
         if crop is None:  # this scan does not see the region
             continue
         depth, camera = crop
-        view, view_points, view_normals = _view(depth, camera, box, planes, plane_tolerance, plane_tolerance_growth)
+        view, view_points, view_normals = _view(depth, camera, roi, planes, plane_tolerance, plane_tolerance_growth)
         views.append(view)
         points.append(view_points)
         normals.append(view_normals)
@@ -79,27 +79,27 @@ def observe(
         np.concatenate(normals),
         planes,
         _up(scans, planes, up),
-        box,
+        roi,
         frames[0],
         max(stamps, default=None),
     )
 
 
-def _checked_region(region: Array) -> Array:
-    box = np.array(region, dtype=np.float64)
+def _checked_roi(roi: Array) -> Array:
+    box = np.array(roi, dtype=np.float64)
     if box.shape != (6,) or not np.isfinite(box).all():
-        raise ScanError(f"the region is {np.asarray(region).tolist()!r:.120}; expected six numbers x0 y0 z0 x1 y1 z1")
+        raise ScanError(f"the region is {np.asarray(roi).tolist()!r:.120}; expected six numbers x0 y0 z0 x1 y1 z1")
     if np.any(box[:3] >= box[3:]):
         raise ScanError(f"the region {box.tolist()} is empty; expected x0 < x1, y0 < y1 and z0 < z1")
     return box
 
 
-def _empty_region(scans: Sequence[Scan], box: Array | None) -> str:
+def _nothing_in(scans: Sequence[Scan], roi: Array | None) -> str:
     corners = [_world(scan.camera, scan.camera.back_project(scan.depth))[scan.depth > 0] for scan in scans]
     low = np.min([points.min(axis=0) for points in corners], axis=0).round(3)
     high = np.max([points.max(axis=0) for points in corners], axis=0).round(3)
-    region = None if box is None else box.tolist()
-    return f"no measured point lies in the region {region}; the scan spans {[*low.tolist(), *high.tolist()]} in world"
+    box = None if roi is None else roi.tolist()
+    return f"no measured point lies in the region {box}; the scan spans {[*low.tolist(), *high.tolist()]} in world"
 
 
 def _world(camera: Camera, points: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -116,15 +116,15 @@ def _within(points: NDArray[np.floating], box: Array) -> NDArray[np.bool_]:
     return inside
 
 
-def _crop(scan: Scan, box: Array | None, width: int) -> tuple[NDArray[np.float32], Camera] | None:
+def _crop(scan: Scan, roi: Array | None, width: int) -> tuple[NDArray[np.float32], Camera] | None:
     """The binned depth image of the region with its margin, and its camera; None where the scan sees none of it."""
     wanted = scan.depth > 0
-    if box is not None:
-        wanted &= _within(_world(scan.camera, scan.camera.back_project(scan.depth)), box)
+    if roi is not None:
+        wanted &= _within(_world(scan.camera, scan.camera.back_project(scan.depth)), roi)
     rows, columns = np.flatnonzero(wanted.any(axis=1)), np.flatnonzero(wanted.any(axis=0))
     if len(rows) == 0:
         return None
-    if box is None:
+    if roi is None:
         row, column, height, breadth = 0, 0, scan.camera.height, scan.camera.width
         factor = -(-max(height, breadth) // width)
     else:
@@ -164,7 +164,7 @@ def _tolerance(depth: NDArray[np.floating], base: float, growth: float) -> NDArr
     return base + growth * depth**2
 
 
-def _scene_points(scans: Sequence[Scan], box: Array | None, base: float, growth: float) -> ScenePoints:
+def _scene_points(scans: Sequence[Scan], roi: Array | None, base: float, growth: float) -> ScenePoints:
     """The oriented points of all scans, whole, thinned to about PLANE_WIDTH pixels across."""
     points, normals, tolerances, border = [], [], [], []
     for scan in scans:
@@ -194,26 +194,26 @@ def _scene_points(scans: Sequence[Scan], box: Array | None, base: float, growth:
         tolerances.append(_tolerance(depth[valid].astype(np.float64), base, growth))
         border.append(at_border[valid])
     all_points = np.concatenate(points)
-    inside = np.zeros(len(all_points), dtype=bool) if box is None else _within(all_points, box)
+    inside = np.zeros(len(all_points), dtype=bool) if roi is None else _within(all_points, roi)
     return ScenePoints(
         all_points,
         np.concatenate(normals),
         np.concatenate(tolerances),
         np.concatenate(border),
         inside,
-        box is not None,
+        roi is not None,
     )
 
 
 def _view(
-    depth: NDArray[np.float32], camera: Camera, box: Array | None, planes: Array, base: float, growth: float
+    depth: NDArray[np.float32], camera: Camera, roi: Array | None, planes: Array, base: float, growth: float
 ) -> tuple[View, Array, Array]:
     """The view of a binned `depth` image, and its object points and normals in world, (P, 3) each."""
     world = _world(camera, camera.back_project(depth))
     tolerance = _tolerance(depth, base, growth)
     category = np.full(depth.shape, OBJECT, dtype=np.uint8)
-    if box is not None:
-        category[~_within(world, box)] = OUTSIDE
+    if roi is not None:
+        category[~_within(world, roi)] = OUTSIDE
     for plane in planes:
         signed = world @ plane[:3].astype(np.float32) + np.float32(plane[3])
         # Behind the plane there is only noise of the plane, hence the longer reach on that side.

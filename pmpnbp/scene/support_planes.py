@@ -52,7 +52,7 @@ class ScenePoints:
     tolerances : (P,) metres, how far a point of a plane may lie from it
     border : (P,) bool, seen at the border of a picture
     inside : (P,) bool, in the region of interest (all False where there is none)
-    has_region : whether a region of interest was given
+    has_roi : whether a region of interest was given
     """
 
     points: Array
@@ -60,7 +60,7 @@ class ScenePoints:
     tolerances: Array
     border: NDArray[np.bool_]
     inside: NDArray[np.bool_]
-    has_region: bool
+    has_roi: bool
 
 
 def find_support_planes(scene: ScenePoints, up: Array, *, up_is_known: bool) -> Array:
@@ -86,7 +86,7 @@ def find_support_planes(scene: ScenePoints, up: Array, *, up_is_known: bool) -> 
         ):
             planes.append(plane)
         free &= np.abs(scene.points @ plane[:3] + plane[3]) >= SKIRT * scene.tolerances
-    if not scene.has_region:
+    if not scene.has_roi:
         planes = _leave_an_object(scene, planes, [bool(plane[:3] @ up >= level) for plane in planes])
     return np.array(planes).reshape(-1, 4)
 
@@ -148,7 +148,7 @@ def _bounds_the_scene(scene: ScenePoints, plane: Array, on_plane: NDArray[np.boo
 
 def _carries_the_object(scene: ScenePoints, plane: Array, on_plane: NDArray[np.bool_], level: bool) -> bool:
     """Whether `plane` is a level top, reaching out of the region, that the region's content stands on."""
-    if not scene.has_region or not level:
+    if not scene.has_roi or not level:
         return False
     content = scene.inside & ~on_plane
     below = scene.points[content] @ plane[:3] + plane[3] < 0
@@ -159,7 +159,7 @@ def _carries_the_object(scene: ScenePoints, plane: Array, on_plane: NDArray[np.b
 
 def _is_large(scene: ScenePoints, plane: Array, on_plane: NDArray[np.bool_], least_outside: float) -> bool:
     points = scene.points[on_plane]
-    if scene.has_region and (~scene.inside[on_plane]).mean() < least_outside:
+    if scene.has_roi and (~scene.inside[on_plane]).mean() < least_outside:
         return False
     first = np.cross(plane[:3], np.eye(3)[np.abs(plane[:3]).argmin()])
     first /= np.linalg.norm(first)

@@ -81,7 +81,7 @@ async function readJson(file, cameras) {
     find("camera-text").value = text;
     aboutCamera();
   } else if (members && "kind" in members) setPrior(text);
-  else if (members && Array.isArray(members.region)) setRegion(members.region);
+  else if (members && Array.isArray(members.roi ?? members.region)) setRegion(members.roi ?? members.region);
   else refuse(addRow(file), `'${file.name}' is neither a camera (it has no fx), nor a prior (it has no kind).`, false);
 }
 

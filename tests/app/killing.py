@@ -22,7 +22,7 @@ from pathlib import Path
 import httpx
 
 from benchmarks.server_process import CABINET, start, upload_model, upload_scan
-from benchmarks.trials import load_region
+from benchmarks.trials import load_roi
 
 
 @dataclass
@@ -116,8 +116,8 @@ def _iterate(url: str, known: Acknowledged, stop: threading.Event) -> None:
             while not known.iterations and not stop.is_set():
                 models, scans = list(known.entries["models"]), list(known.entries["scans"])
                 if models and scans:
-                    region = load_region(CABINET / "open").tolist()
-                    body = {"model_id": models[0], "scan_ids": [scans[0]], "roi": region, "particles": 60}
+                    roi = load_roi(CABINET / "open").tolist()
+                    body = {"model_id": models[0], "scan_ids": [scans[0]], "roi": roi, "particles": 60}
                     answer = client.post("/sessions", json=body)
                     if answer.status_code == 201:
                         known.iterations[answer.json()["id"]] = 0

@@ -146,7 +146,7 @@ def sample(client: httpx.Client) -> Callable[[], dict[str, str]]:
             "model_id": known["model_id"],
             "scan_ids": [known["scan_id"]],
             "particles": 20,
-            "roi": json.loads((scan / "region.json").read_text(encoding="utf-8"))["region"],
+            "roi": json.loads((scan / "roi.json").read_text(encoding="utf-8"))["roi"],
             "config": config,
         }
         answer = client.post("/api/v1/sessions", json=body)

@@ -14,7 +14,7 @@ from app.viewer.stage import Stage, stage
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.settings import changed, preset
-from tests.app.small_sessions import CABINET, QUICK, REGION
+from tests.app.small_sessions import CABINET, QUICK, ROI
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ def scene(seed: int = 11, iterations: int = 5) -> Scene:
     folder = CABINET / "open"
     scan = load_scan(folder / "depth.png", folder / "camera.json")
     settings = changed(preset("robust"), json.loads(json.dumps(QUICK)))
-    problem, _ = estimation.prepare(CABINET / "cabinet.urdf", [scan], REGION, None, settings, particles=40, seed=seed)
+    problem, _ = estimation.prepare(CABINET / "cabinet.urdf", [scan], ROI, None, settings, particles=40, seed=seed)
     truth = load_truth(folder / "truth.json")
     step = estimation.first(problem)
     made = []

@@ -10,7 +10,7 @@ from typing import Any
 import httpx
 
 CABINET = Path(__file__).resolve().parents[2] / "sample_data" / "cabinet"
-REGION = json.loads((CABINET / "open" / "region.json").read_text())["region"]
+ROI = json.loads((CABINET / "open" / "roi.json").read_text())["roi"]
 QUICK = {
     "image_width": 80,
     "triangles": 60,
@@ -46,7 +46,7 @@ def upload_scan(client: httpx.Client, scene: str = "open") -> str:
 
 def body(model_id: str, scan_id: str, **members: Any) -> dict[str, Any]:
     """What makes a small session."""
-    asked = {"model_id": model_id, "scan_ids": [scan_id], "roi": REGION, "particles": 40, "seed": 11, "config": QUICK}
+    asked = {"model_id": model_id, "scan_ids": [scan_id], "roi": ROI, "particles": 40, "seed": 11, "config": QUICK}
     return asked | members
 
 

@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 CABINET = ROOT / "sample_data" / "cabinet"
 SCENE = CABINET / "open"
 MODEL, DEPTH, CAMERA = (str(path) for path in (CABINET / "cabinet.urdf", SCENE / "depth.png", SCENE / "camera.json"))
-ROI = ",".join(str(number) for number in json.loads((SCENE / "region.json").read_text())["region"])
+ROI = ",".join(str(number) for number in json.loads((SCENE / "roi.json").read_text())["roi"])
 SCAN = [MODEL, DEPTH, "--camera", CAMERA, f"--roi={ROI}"]
 # As much of the algorithm as a test of the command line needs.
 QUICK = [

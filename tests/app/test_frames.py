@@ -324,7 +324,7 @@ def test_region_and_prior_can_be_dragged() -> None:
         assert all(low < high for low, high in zip(box[:3], box[3:], strict=True))
 
     made = scene().snapshots[-1]
-    assert default_region(made.problem.observation) == pytest.approx(made.problem.observation.region, abs=1e-4)
+    assert default_region(made.problem.observation) == pytest.approx(made.problem.observation.roi, abs=1e-4)
     prior = default_prior(scene().stage.model, made.result["links"])
     handle = shown(Handle, drawn(only("prior", prior=prior)), PRIOR)
     np.testing.assert_allclose(handle.pose, estimated(made)[0], atol=1e-6)

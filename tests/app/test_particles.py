@@ -175,7 +175,7 @@ def test_the_kinds_of_pixels_are_those_of_the_score(client: httpx.Client, path: 
         assert np.all((of[pictures.ON_SUPPORT] >= 0) & (of[pictures.ON_SUPPORT] <= score.support_reward))
         np.testing.assert_allclose(of[pictures.SEEN_THROUGH], -score.free_space_cost)
         np.testing.assert_allclose(of[pictures.IN_FRONT], -score.occlusion_cost)
-        assert not np.any(of[pictures.UNKNOWN]) and not np.any(of[pictures.OUTSIDE_REGION])
+        assert not np.any(of[pictures.UNKNOWN]) and not np.any(of[pictures.OUTSIDE_ROI])
         seen |= set(np.unique(kinds).tolist())
     assert {pictures.EXPLAINED, pictures.IN_FRONT, pictures.SEEN_THROUGH} <= seen
 
@@ -192,7 +192,7 @@ def test_every_kind_by_hand() -> None:
         pictures.IN_FRONT,
         pictures.UNKNOWN,
         pictures.SEEN_THROUGH,
-        pictures.OUTSIDE_REGION,
+        pictures.OUTSIDE_ROI,
         pictures.NOT_COVERED,
     ]
     assert pictures.pixel_kinds(view, rendered, 0.02).tolist() == [expected]

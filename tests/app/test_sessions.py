@@ -57,7 +57,7 @@ def test_a_session_begins_paused_at_the_start(client: httpx.Client, path: str, m
     assert found["view_url"] == f"/sessions/{id}/"
     assert (found["state"], found["iteration"], found["iterations"], found["error"]) == ("paused", 0, 100, None)
     assert (found["model_id"], found["scan_ids"], found["config"]) == (model_id, [scan_id], small.QUICK)
-    assert (found["seed"], found["particles"], found["method"], found["roi"]) == (11, 40, "pmpnbp", small.REGION)
+    assert (found["seed"], found["particles"], found["method"], found["roi"]) == (11, 40, "pmpnbp", small.ROI)
     assert found in client.get("/api/v1/sessions").json()
     assert client.get(f"{path}/estimate").json()["iteration"] == 0
 

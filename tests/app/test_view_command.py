@@ -31,7 +31,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What `pmpnbp estimate --recording` writes of three iterations."""
     folder = tmp_path_factory.mktemp("recorded")
     path = folder / "an open drawer.sqlite"
-    region = ",".join(str(number) for number in json.loads((SCENE / "region.json").read_text())["region"])
+    roi = ",".join(str(number) for number in json.loads((SCENE / "roi.json").read_text())["roi"])
     status = main(
         [
             "estimate",
@@ -39,7 +39,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
             str(SCENE / "depth.png"),
             "--camera",
             str(SCENE / "camera.json"),
-            f"--roi={region}",
+            f"--roi={roi}",
             "--particles",
             "40",
             "--iterations",

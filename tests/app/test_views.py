@@ -93,7 +93,7 @@ def looking(served: Any, view: str, reads: bool = True) -> Iterator[None]:
 
 def test_a_new_view_has_what_the_session_has(served: Any, path: str) -> None:
     found = state(served, f"{path}/views/new")
-    assert found["region"] == small.REGION and found["prior"] is None and found["iteration"] is None
+    assert found["region"] == small.ROI and found["prior"] is None and found["iteration"] is None
     assert found["drawn"] is None and found["clients"] == 0 and found["error"] is None
     prior = {
         "kind": "gaussian",
@@ -334,7 +334,7 @@ def test_handles_that_are_dragged_change_the_state(served: Any, path: str) -> No
         until(lambda: (found := state(served, view)["drawn"]) and found["serial"] and PRIOR in nodes(served, view))
         pose = np.array([-0.5, -0.4, -0.3, 1, 0, 0, 0])
         painter(served, view)._dragged(LOW, pose, True)
-        assert state(served, view)["region"] == [-0.5, -0.4, -0.3, *small.REGION[3:]]
+        assert state(served, view)["region"] == [-0.5, -0.4, -0.3, *small.ROI[3:]]
         painter(served, view)._dragged(PRIOR, pose, True)
         moved = state(served, view)["prior"]
         assert moved["pose"]["position"] == {"x": -0.5, "y": -0.4, "z": -0.3}

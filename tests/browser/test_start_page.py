@@ -233,7 +233,7 @@ def test_files_are_dropped_wherever_it_is_on_the_page(page: Page, served: Served
     texts = {
         "cabinet.urdf": URDF.read_text(),
         "prior.json": json.dumps(prior),
-        "region.json": (SCENE / "region.json").read_text(),
+        "roi.json": (SCENE / "roi.json").read_text(),
     }
     carried = page.evaluate_handle(
         """(texts) => {

@@ -156,9 +156,9 @@ def seen(
     vertices = np.concatenate(
         [poses.transform_points(pose, part.mesh.vertices) for pose, part in zip(part_poses, model.parts, strict=True)]
     )
-    region = np.concatenate([vertices.min(axis=0) - margin, vertices.max(axis=0) + margin])
+    roi = np.concatenate([vertices.min(axis=0) - margin, vertices.max(axis=0) + margin])
     view = camera or camera_at((0.0, 0.0, 0.7), vertices.mean(axis=0))
-    return observe([scan(model, part_poses, view)], region, up=UP)
+    return observe([scan(model, part_poses, view)], roi, up=UP)
 
 
 def settings(name: str = "robust", **changes: object) -> Settings:

@@ -347,8 +347,8 @@ def test_the_sample_cabinet_is_found_from_a_rough_prior(repository: Path, seed: 
     folder = repository / "sample_data" / "cabinet"
     scene, model = folder / "open", load_model(folder / "cabinet.urdf", triangle_budget=60)
     links = json.loads((scene / "truth.json").read_text())["links"]
-    region = np.array(json.loads((scene / "region.json").read_text())["region"])
-    observation = observe([load_scan(scene / "depth.png", scene / "camera.json")], region, width=80)
+    roi = np.array(json.loads((scene / "roi.json").read_text())["roi"])
+    observation = observe([load_scan(scene / "depth.png", scene / "camera.json")], roi, width=80)
     truth = np.stack([poses.from_matrix(np.array(links[part.links[0]]).reshape(4, 4)) for part in model.parts])
     prior = worlds.rough_prior(np.random.default_rng(seed), truth[0], model.parts[0].links[0])
     made = problem.build(

@@ -56,8 +56,8 @@ def cabinet(repository: Path) -> tuple[ArticulatedObject, Observation, Array, Ar
     model = load_model(folder / "cabinet.urdf")
     scene = folder / "open"
     truth = json.loads((scene / "truth.json").read_text())
-    region = np.array(json.loads((scene / "region.json").read_text())["region"])
-    observation = observe([load_scan(scene / "depth.png", scene / "camera.json")], region)
+    roi = np.array(json.loads((scene / "roi.json").read_text())["roi"])
+    observation = observe([load_scan(scene / "depth.png", scene / "camera.json")], roi)
     true_poses = np.stack(
         [poses.from_matrix(np.array(truth["links"][part.links[0]]).reshape(4, 4)) for part in model.parts]
     )
@@ -164,11 +164,11 @@ def test_two_views_see_what_one_does_not() -> None:
     root, joints = worlds.at(1.4, 0.1, 0.0, yaw=0.2), np.array([0.2, 0.6])
     truth = MODEL.part_poses(root, joints)
     front = worlds.seen(MODEL, root, joints)
-    assert front.region is not None
+    assert front.roi is not None
     behind = worlds.camera_at((2.9, 0.6, 0.7), (1.5, 0.1, 0.2))
     scans = [worlds.scan(MODEL, truth, view.camera) for view in (worlds.seen(MODEL, root, joints).views[0],)]
     scans.append(worlds.scan(MODEL, truth, behind))
-    both = observe(scans, front.region, up=worlds.UP)
+    both = observe(scans, front.roi, up=worlds.UP)
     assert len(both.views) == 2
     error = {
         name: errors_of(MODEL, last(quick(MODEL, seen, root, particles=150), 24).mle, truth)
@@ -182,9 +182,9 @@ def test_the_score_of_two_views_is_the_sum_of_theirs() -> None:
     truth = MODEL.part_poses(ROOT, JOINTS)
     cameras = [worlds.camera_at(eye, (1.4, 0.1, 0.2)) for eye in ((0.0, 0.0, 0.7), (0.3, 0.9, 0.6))]
     scans = [worlds.scan(MODEL, truth, camera) for camera in cameras]
-    region = np.array([0.9, -0.5, -0.1, 1.9, 0.7, 0.6])
+    roi = np.array([0.9, -0.5, -0.1, 1.9, 0.7, 0.6])
     made = [
-        problem.build(MODEL, observe(some, region, up=worlds.UP), UniformPrior(), worlds.settings())
+        problem.build(MODEL, observe(some, roi, up=worlds.UP), UniformPrior(), worlds.settings())
         for some in (scans[:1], scans[1:], scans)
     ]
     near = poses.perturb(truth, np.array([0.01, 0.0, 0.01]), np.array([0.0, 0.02, 0.0]))

@@ -51,8 +51,8 @@ URDF = """<robot name="chest">
 @pytest.fixture(scope="module")
 def observation(repository_root: Path) -> Observation:
     scene = repository_root / "sample_data" / "cabinet" / "open"
-    region = json.loads((scene / "region.json").read_text())["region"]
-    return observe([load_scan(scene / "depth.png", scene / "camera.json")], np.array(region))
+    roi = json.loads((scene / "roi.json").read_text())["roi"]
+    return observe([load_scan(scene / "depth.png", scene / "camera.json")], np.array(roi))
 
 
 @pytest.fixture(scope="module")

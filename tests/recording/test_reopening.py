@@ -42,9 +42,9 @@ def scan_of(scene: str) -> Any:
 
 @pytest.fixture(scope="module")
 def inputs() -> Inputs:
-    region = np.array(json.loads((CABINET / "open" / "region.json").read_text())["region"])
+    roi = np.array(json.loads((CABINET / "open" / "roi.json").read_text())["roi"])
     settings = changed(preset("robust"), QUICK)
-    return Inputs(CABINET / "cabinet.urdf", (scan_of("open"),), region, UniformPrior(), settings, 40, 11)
+    return Inputs(CABINET / "cabinet.urdf", (scan_of("open"),), roi, UniformPrior(), settings, 40, 11)
 
 
 def later(inputs: Inputs, changes: Sequence[Change], iteration: int) -> Inputs:

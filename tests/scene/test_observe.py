@@ -17,7 +17,7 @@ from pmpnbp.scene.observe import MARGIN, binned_depth, observe
 from tests.scene.box_rooms import FLOOR, WALL, camera_at, see
 
 BOX = (0.2, -0.2, 0.0, 0.5, 0.2, 0.5)
-REGION = np.array([0.1, -0.3, -0.1, 0.6, 0.3, 0.6])
+ROI = np.array([0.1, -0.3, -0.1, 0.6, 0.3, 0.6])
 SCAN = see(camera_at([1.8, 0.6, 1.2], [0.3, 0.0, 0.3], width=640, height=480), [FLOOR, WALL, BOX])
 
 
@@ -45,7 +45,7 @@ def test_an_edge_is_never_averaged() -> None:
     assert set(np.unique(binned_depth(depth, 4)).tolist()) == {1.0, 2.0}
 
 
-def test_the_whole_picture_without_a_region() -> None:
+def test_the_whole_picture_without_a_roi() -> None:
     (view,) = observe([SCAN]).views
     assert view.depth.shape == (120, 160)
     assert (view.category != OUTSIDE).all()
@@ -55,14 +55,14 @@ def test_the_whole_picture_without_a_region() -> None:
 
 
 @pytest.mark.parametrize("width", [80, 160, 320])
-def test_the_crop_holds_the_region_and_a_margin(width: int) -> None:
-    observation = observe([SCAN], REGION, width=width)
+def test_the_crop_holds_the_roi_and_a_margin(width: int) -> None:
+    observation = observe([SCAN], ROI, width=width)
     (view,) = observation.views
     assert max(view.depth.shape) <= width
     points = poses.transform_points(
         view.camera.pose_world_camera, view.camera.back_project(view.depth).astype(np.float64)
     )
-    inside = ((points >= REGION[:3]) & (points <= REGION[3:])).all(axis=-1) & (view.depth > 0)
+    inside = ((points >= ROI[:3]) & (points <= ROI[3:])).all(axis=-1) & (view.depth > 0)
     rows, columns = np.nonzero(inside)
     # the box is in the middle of the picture, so that the margin is whole on every side
     for least in (rows.min(), columns.min(), len(inside) - 1 - rows.max(), inside.shape[1] - 1 - columns.max()):
@@ -73,7 +73,7 @@ def test_the_crop_holds_the_region_and_a_margin(width: int) -> None:
 
 def test_work_pixels_look_where_the_scan_measured() -> None:
     """Planes in the scan are the same planes in the binned picture: floor points of the view lie at z = 0."""
-    (view,) = observe([SCAN], REGION).views
+    (view,) = observe([SCAN], ROI).views
     points = poses.transform_points(
         view.camera.pose_world_camera, view.camera.back_project(view.depth).astype(np.float64)
     )
@@ -84,7 +84,7 @@ def test_work_pixels_look_where_the_scan_measured() -> None:
 
 
 def test_categories_points_and_normals_of_a_box() -> None:
-    observation = observe([SCAN], REGION)
+    observation = observe([SCAN], ROI)
     (view,) = observation.views
     assert set(np.unique(view.category).tolist()) <= {NO_DEPTH, OBJECT, SUPPORT, OUTSIDE}
     assert ((view.category == NO_DEPTH) == (view.depth == 0)).all()
@@ -111,19 +111,19 @@ def test_categories_points_and_normals_of_a_box() -> None:
 
 def test_two_views_of_one_scene() -> None:
     other = see(camera_at([1.2, -1.3, 1.0], [0.3, 0.0, 0.3], width=320, height=240), [FLOOR, WALL, BOX])
-    both = observe([replace(SCAN, stamp=2.0), replace(other, stamp=5.0)], REGION)
+    both = observe([replace(SCAN, stamp=2.0), replace(other, stamp=5.0)], ROI)
     assert len(both.views) == 2
     assert both.stamp == 5.0
     assert len(both.planes) == 2
-    alone = [observe([scan], REGION) for scan in (SCAN, other)]
+    alone = [observe([scan], ROI) for scan in (SCAN, other)]
     assert abs(len(both.points) - sum(len(one.points) for one in alone)) < 20
     # the side that only one camera sees is there
     assert (both.normals[:, 1] < -0.9).sum() > 50 > (alone[0].normals[:, 1] < -0.9).sum()
 
 
-def test_a_view_that_misses_the_region_is_left_out() -> None:
+def test_a_view_that_misses_the_roi_is_left_out() -> None:
     away = see(camera_at([1.8, 0.6, 1.2], [3.0, 3.0, 0.5]), [FLOOR, WALL, BOX])
-    assert len(observe([SCAN, away], REGION).views) == 1
+    assert len(observe([SCAN, away], ROI).views) == 1
 
 
 def test_up() -> None:
@@ -134,7 +134,7 @@ def test_up() -> None:
 
 
 @pytest.mark.parametrize(
-    ("region", "said"),
+    ("roi", "said"),
     [
         ([0, 0, 0, 1, 1], "expected six numbers x0 y0 z0 x1 y1 z1"),
         ([0, 0, 0, 1, 1, np.nan], "expected six numbers x0 y0 z0 x1 y1 z1"),
@@ -142,9 +142,9 @@ def test_up() -> None:
         ([5, 5, 5, 6, 6, 6], "no measured point lies in the region [5.0, 5.0, 5.0, 6.0, 6.0, 6.0]; the scan spans ["),
     ],
 )
-def test_what_is_said_of_a_region_that_cannot_be_used(region: list[float], said: str) -> None:
+def test_what_is_said_of_a_roi_that_cannot_be_used(roi: list[float], said: str) -> None:
     with pytest.raises(ScanError) as caught:
-        observe([SCAN], np.array(region, dtype=float))
+        observe([SCAN], np.array(roi, dtype=float))
     assert said in str(caught.value)
 
 
@@ -162,7 +162,7 @@ def test_what_is_said_of_scans_that_do_not_belong_together() -> None:
 @pytest.mark.parametrize(("width", "height"), [(1, 1), (700, 3), (3, 700), (161, 1)])
 def test_a_scan_of_a_few_pixels_is_observed(width: int, height: int) -> None:
     scan = Scan(Camera(width, height, 300.0, 300.0, 0.0, 0.0), np.ones((height, width), dtype=np.float32))
-    for region in (None, np.array([-9.0, -9.0, 0.0, 9.0, 9.0, 2.0])):
-        observation = observe([scan], region)
+    for roi in (None, np.array([-9.0, -9.0, 0.0, 9.0, 9.0, 2.0])):
+        observation = observe([scan], roi)
         assert (observation.views[0].category == OBJECT).all()
         assert observation.planes.shape == (0, 4)

@@ -31,7 +31,7 @@ def cabinet(gap: float) -> Box:
     return (gap, -0.25, 0.0, gap + 0.4, 0.25, 0.75)
 
 
-def region_of(*boxes: Box) -> Array:
+def roi_of(*boxes: Box) -> Array:
     low, high = np.min([box[:3] for box in boxes], axis=0), np.max([box[3:] for box in boxes], axis=0)
     return np.concatenate([low - 0.1, high + 0.1])
 
@@ -49,15 +49,15 @@ def share(observation: Observation, wanted: int, box: Sequence[float], grow: flo
     return float((view.category[front | top] == wanted).mean())
 
 
-@pytest.mark.parametrize("with_region", [False, True])
+@pytest.mark.parametrize("with_roi", [False, True])
 @pytest.mark.parametrize("position", VIEWS)
 @pytest.mark.parametrize("gap", [0.02, 0.05, 0.1, 0.3])
 def test_floor_and_wall_but_not_the_cabinet(
-    gap: float, position: Sequence[float], with_region: bool, rng: np.random.Generator
+    gap: float, position: Sequence[float], with_roi: bool, rng: np.random.Generator
 ) -> None:
     box = cabinet(gap)
     scan = see(camera_at(position, [0.2, 0.0, 0.4]), [FLOOR, WALL, box], rng)
-    observation = observe([scan], region_of(box) if with_region else None)
+    observation = observe([scan], roi_of(box) if with_roi else None)
     assert len(observation.planes) == 2
     assert has_plane(observation.planes, FLOOR_PLANE, angle=0.2, offset=0.003)
     assert has_plane(observation.planes, WALL_PLANE, angle=0.2, offset=0.003)
@@ -84,8 +84,8 @@ def test_without_a_camera_pose_up_is_the_floors_normal(position: Sequence[float]
 def test_a_front_with_the_floor_before_it_is_no_wall(boxes: list[Box], rng: np.random.Generator) -> None:
     for position in VIEWS:
         scan = see(camera_at(position, [0.2, 0.0, 0.4]), boxes, rng)
-        for region in (None, region_of(boxes[-1] if len(boxes) == 2 else boxes[4])):
-            observation = observe([scan], region)
+        for roi in (None, roi_of(boxes[-1] if len(boxes) == 2 else boxes[4])):
+            observation = observe([scan], roi)
             # from the fourth place, the row hides all but 2 % of the floor
             assert has_plane(observation.planes, FLOOR_PLANE, angle=0.3, offset=0.005) or position == VIEWS[3]
             fronts = [plane for plane in observation.planes if abs(plane[0]) > 0.9]
@@ -102,8 +102,8 @@ def test_a_cloud_of_the_object_alone_has_no_support(drawer: list[Box], rng: np.r
         posed = Camera(
             camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, scan.camera.pose_world_camera
         )
-        for region in (None, region_of(cabinet(0.1), *drawer)):
-            assert len(observe([Scan(posed, depth)], region).planes) == 0
+        for roi in (None, roi_of(cabinet(0.1), *drawer)):
+            assert len(observe([Scan(posed, depth)], roi).planes) == 0
         assert len(observe([Scan(camera, depth)]).planes) == 0
 
 
@@ -116,17 +116,17 @@ ROOM = [FLOOR, (-1.5, -5.0, -1.0, -1.4, 5.0, 4.0), TABLE, ON_TABLE]
 def test_the_table_that_the_object_stands_on(position: Sequence[float], posed: bool, rng: np.random.Generator) -> None:
     scan = see(camera_at(position, [0.3, 0.0, 0.8]), ROOM, rng)
     table = np.array([0.0, 0.0, 1.0, -0.72])
-    region = region_of(ON_TABLE)
+    roi = roi_of(ON_TABLE)
     if not posed:
         # the same box's corners in the camera frame, and the box around them
-        corners = np.stack(np.meshgrid(*region.reshape(2, 3).T), axis=-1).reshape(-1, 3)
+        corners = np.stack(np.meshgrid(*roi.reshape(2, 3).T), axis=-1).reshape(-1, 3)
         to_camera = poses.inverse(scan.camera.pose_world_camera)
         corners = poses.transform_points(to_camera, corners)
-        region = np.concatenate([corners.min(axis=0), corners.max(axis=0)])
+        roi = np.concatenate([corners.min(axis=0), corners.max(axis=0)])
         normal = poses.rotate(to_camera[3:], table[:3])
         table = np.append(normal, -0.72 - normal @ to_camera[:3])
         scan = without_pose(scan)
-    observation = observe([scan], region)
+    observation = observe([scan], roi)
     assert has_plane(observation.planes, table, angle=0.5, offset=0.005)
     if posed:
         assert share(observation, OBJECT, ON_TABLE, 0.02) > 0.99
@@ -138,8 +138,8 @@ def test_the_top_of_the_object_is_no_table(rng: np.random.Generator) -> None:
     """A desk of 1.4 m: level, large, nothing above it; but what the region holds lies under it."""
     desk = [(0.1, -0.7, 0.7, 0.8, 0.7, 0.74), (0.1, -0.7, 0.0, 0.15, -0.65, 0.7), (0.1, 0.3, 0.0, 0.7, 0.7, 0.7)]
     scan = see(camera_at([2.2, 0.3, 1.5], [0.3, 0.0, 0.5]), [FLOOR, WALL, *desk], rng)
-    for region in (None, region_of(*desk)):
-        observation = observe([scan], region)
+    for roi in (None, roi_of(*desk)):
+        observation = observe([scan], roi)
         assert len(observation.planes) == 2
         assert share(observation, OBJECT, desk[0], 0.02) > 0.99
 

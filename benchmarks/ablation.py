@@ -92,7 +92,7 @@ def error(model: ArticulatedObject, scene: Case, settings: Settings, start: str,
         prior = GaussianPrior(model.parts[0].links[0], pose, *spread, {})
     made = problem.build(model, scene.observation, prior, settings, particles=particles, seed=seed)
     for report in run.iterate(made, ITERATIONS[start]):
-        mle = report.mle
+        mle = report.map_poses
     found = [add(points, pose, true) for points, pose, true in zip(scene.points, mle, scene.truth, strict=True)]
     return float(np.max(np.array(found)[scene.counts]))
 

@@ -11,14 +11,14 @@ Run it: `python -m benchmarks.spread`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import belief_propagation, problem
-from pmpnbp.inference.belief import START, Belief, State
+from pmpnbp.inference.belief import START, Belief, Origin, State
 from pmpnbp.inference.problem import Problem
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 from pmpnbp.scene.meshes import box
@@ -34,7 +34,7 @@ SHIFTS = np.array([0.03, -0.02, 0.04, 0.0])
 SPREADS = np.array([0.04, 0.03, 0.05, 0.04])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GaussianProblem(Problem):
     """A problem whose unary potentials are Gaussians of the position. means : (N, 3), stds : (N,), metres."""
 
@@ -84,7 +84,7 @@ def gaussian_problem(
     )
     means = np.zeros((len(shifts), 3))
     means[:, 0] = OFFSET * np.arange(len(shifts)) + shifts
-    return GaussianProblem(*(getattr(built, entry.name) for entry in fields(Problem)), means, np.asarray(stds))
+    return GaussianProblem(**vars(built), means=means, stds=np.asarray(stds))
 
 
 def exact(shifts: Array, stds: Array, half_range: float = HALF_RANGE) -> tuple[Array, Array]:
@@ -104,19 +104,13 @@ def start(rng: np.random.Generator, made: GaussianProblem, spread: float = 0.06)
     particles = np.tile(poses.IDENTITY, (nodes, count, 1))
     particles[..., :3] = spread * rng.standard_normal((nodes, count, 3))
     particles[..., 0] += OFFSET * np.arange(nodes)[:, None]
-    empty = np.full((nodes, count), -1, dtype=np.int32)
-    return State(
-        0,
-        Belief(
-            particles,
-            np.full((nodes, count), -np.log(count)),
-            np.zeros((nodes, count)),
-            empty,
-            np.full((nodes, count), START, dtype=np.uint8),
-            empty,
-            np.zeros((nodes, count), dtype=np.int32),
-        ),
+    belief = Belief(
+        poses=particles,
+        log_weights=np.full((nodes, count), -np.log(count)),
+        log_unary=np.zeros((nodes, count)),
+        origin=Origin.of((nodes, count), START),
     )
+    return State(iteration=0, belief=belief)
 
 
 def measured(made: GaussianProblem, iterations: int, settle: int) -> tuple[Array, Array]:

@@ -178,7 +178,7 @@ def run_trial(
     elapsed, worst = [], []
     for made in timed(case, prior, settings, seed=seed, particles=particles, method=method):
         elapsed.append(made.seconds)
-        worst.append(_worst(case, made.report.mle))
+        worst.append(_worst(case, made.report.map_poses))
         number = made.report.iteration
         if number >= iterations or (made.at_rest is not None and number >= at_least):
             break

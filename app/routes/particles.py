@@ -109,8 +109,8 @@ def get_particle(session_id: SessionId, link: Link, index: Index, request: Reque
             "stage": report.stage,
             "origin": origin(problem, report, node, index),
             "ancestor_part": model.parts[ancestor_part(report, node, index)].name,
-            "island": int(report.belief.island[node, index]),
-            "temperature": float(report.temperature[node]),
+            "island": int(report.belief.origin.island[node, index]),
+            "temperature": float(report.inverse_temperature[node]),
             "log_potential": found.log_potential,
             "shares": {
                 "unary": found.unary,
@@ -183,14 +183,14 @@ def _check_index(made: Snapshot, index: int) -> None:
 
 def _particle(made: Snapshot, node: int, index: int) -> dict[str, Any]:
     belief, parts = made.report.belief, made.problem.mrf.model.parts
-    log_weight, ancestor = float(belief.log_weights[node, index]), int(belief.ancestor[node, index])
-    lender = int(belief.neighbour[node, index])
+    log_weight, ancestor = float(belief.log_weights[node, index]), int(belief.origin.ancestor[node, index])
+    lender = int(belief.origin.neighbour[node, index])
     return {
         "index": index,
         "weight": float(np.exp(log_weight)),
         "log_weight": log_weight,
         "log_unary": float(belief.log_unary[node, index]),
-        "source": SOURCES[int(belief.source[node, index])],
+        "source": SOURCES[int(belief.origin.source[node, index])],
         "neighbour": parts[lender].name if lender >= 0 else None,
         "ancestor": ancestor if ancestor >= 0 else None,
     }

@@ -99,7 +99,7 @@ def snapshot(
         "elapsed": elapsed,
         "tolerance": report.tolerance,
         "effective_sample_size": dict(zip(names, report.effective_sample_size.tolist(), strict=True)),
-        "log_likelihood": report.mle_score,
+        "log_likelihood": report.map_score,
         "std_xyz": dict(zip(model.links, placed.std_xyz.tolist(), strict=True)),
         "add": None if truth is None else part_adds(model, placed.part_poses, truth["links"]),
         "converged": converged,

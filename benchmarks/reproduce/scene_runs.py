@@ -102,7 +102,7 @@ def perform(asked: Asked) -> Result:
         method=variant.method,
     ):
         report, placed = made.report, place(made.problem, made.report)
-        rows.append((made.seconds, case.errors(report.mle), _std(case, placed.std_xyz)))
+        rows.append((made.seconds, case.errors(report.map_poses), _std(case, placed.std_xyz)))
         if report.iteration in keep:
             kept[str(report.iteration)] = _drawn(case, report, placed)
         if asked.get("stop_at_rest", False) and made.at_rest is not None:
@@ -204,6 +204,6 @@ def _drawn(case: Case, report: IterationReport, placed: Placement) -> dict[str, 
     rows = [rng.choice(len(one), DRAWN, p=one / one.sum()) for one in weights]
     return {
         "particles": np.round([belief.poses[node, taken, :3] for node, taken in enumerate(rows)], 4).tolist(),
-        "poses": np.round(report.mle, 6).tolist(),
+        "poses": np.round(report.map_poses, 6).tolist(),
         "covariances": _positions(case, placed.covariances).tolist(),
     }

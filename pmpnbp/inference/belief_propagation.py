@@ -9,7 +9,7 @@ so that the belief is the product of eq. 5; with pooled samples, as the paper's 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import log_weights as lw
-from pmpnbp.inference.belief import NEIGHBOUR, OWN, Belief, IterationReport, Messages, State
+from pmpnbp.inference.belief import NEIGHBOUR, OWN, Belief, IterationReport, Messages, Origin, State
 from pmpnbp.inference.joint_draws import draw_axes
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import improve
@@ -29,14 +29,12 @@ from pmpnbp.settings import Schedule
 Kind = TypeVar("Kind", bound=np.generic)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Samples:
-    """Proposals (S, M, …) of every slot and where they came from, as `Belief` has it."""
+    """Proposed poses (S, M, 7) of every slot, and where each comes from (S, M)."""
 
     poses: Array
-    ancestor: NDArray[np.int32]
-    source: NDArray[np.uint8]
-    neighbour: NDArray[np.int32]
+    origin: Origin
 
 
 def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, IterationReport]:
@@ -57,32 +55,26 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     unary = problem.unary(flat_node, samples.poses.reshape(-1, 7), plan.tolerance, renderer)
     unary = unary.reshape(len(slot_node), -1)
     axes, sender_unary = _judge_by_senders(rng, state, problem, samples.poses[slot_of_message], plan)
-    temperature = _temperatures(problem, unary, sender_unary.max(axis=2), slot_node, slot_of_message)
-    messages = _messages(state, problem, samples.poses[slot_of_message], axes, sender_unary, temperature, plan)
-    prior = np.zeros_like(unary)
-    if problem.prior_node >= 0 and settings.prior_factor:
-        informed = slot_node == problem.prior_node
-        prior[informed] = problem.log_prior(samples.poses[informed])
-    own = temperature[slot_node, None] * unary + prior
+    inverse_temperature = _inverse_temperatures(problem, unary, sender_unary.max(axis=2), slot_node, slot_of_message)
+    messages = _messages(state, problem, samples.poses[slot_of_message], axes, sender_unary, inverse_temperature, plan)
+    own = inverse_temperature[slot_node, None] * unary
+    informed = slot_node == problem.prior_node
+    own[informed] = problem.plus_prior(own[informed], samples.poses[informed])
     combine = _product if shared else _pool
     belief, shares, kept = combine(problem, samples, own, unary, messages)
 
-    effective = lw.effective_sample_size(belief.log_weights)
-    root, joints, mle, score = improve(rng, problem, state, belief, plan)
-    new = State(number, belief, kept, root, joints)
-    report = IterationReport(
-        number,
+    root, joints, map_poses, score = improve(rng, problem, state, belief, plan)
+    new = State(iteration=number, belief=belief, messages=kept, root=root, joints=joints)
+    report = IterationReport.of(
+        new,
         "refine" if refining else "belief propagation",
-        belief,
-        messages,
-        shares,
-        temperature,
-        plan.tolerance,
-        effective,
-        mle,
-        joints,
-        score,
-        time.perf_counter() - began,
+        messages=messages,
+        log_message_shares=shares,
+        inverse_temperature=inverse_temperature,
+        tolerance=plan.tolerance,
+        map_poses=map_poses,
+        map_score=score,
+        seconds=time.perf_counter() - began,
     )
     return new, report
 
@@ -119,7 +111,8 @@ def draw(
                 drawn[row, part] = poses_row[: len(part)]
                 ancestor[row, part], neighbour[row, part] = taken_row[: len(part)], node
                 source[row, part] = NEIGHBOUR
-    return Samples(_diffuse(rng, drawn, mrf.centres[slot_node], plan), ancestor, source, neighbour)
+    origin = Origin.of(source.shape, source, ancestor=ancestor, neighbour=neighbour)
+    return Samples(poses=_diffuse(rng, drawn, mrf.centres[slot_node], plan), origin=origin)
 
 
 def _diffuse(rng: np.random.Generator, part_poses: Array, centres: Array, plan: Schedule) -> Array:
@@ -151,7 +144,7 @@ def _judge_by_senders(
     return axes, unary.reshape(axes.shape[:3])
 
 
-def _temperatures(
+def _inverse_temperatures(
     problem: Problem,
     unary: Array,
     sender_unary: Array,
@@ -176,12 +169,12 @@ def _messages(
     received: Array,
     axes: Array,
     sender_unary: Array,
-    temperature: Array,
+    inverse_temperature: Array,
     plan: Schedule,
 ) -> Messages:
     """Box 1 steps 2c and 2d: the neighbours' factor, and both factors together."""
     mrf, settings = problem.mrf, problem.settings
-    tempered = temperature[mrf.receiver, None, None] * sender_unary
+    tempered = inverse_temperature[mrf.receiver, None, None] * sender_unary
     log_unary = lw.log_sum_exp(tempered) - np.log(axes.shape[2]) if len(mrf.sender) else np.zeros(received.shape[:2])
     log_neighbour = np.zeros_like(log_unary)
     previous = state.messages
@@ -204,7 +197,15 @@ def _messages(
     best = tempered.argmax(axis=2) if len(mrf.sender) else np.zeros(received.shape[:2], dtype=np.int64)
     joint_draw = np.take_along_axis(axes, best[..., None, None], axis=2)[:, :, 0]
     weights = lw.normalise(log_unary + log_neighbour)
-    return Messages(mrf.sender, mrf.receiver, received, weights, log_unary, log_neighbour, joint_draw)
+    return Messages(
+        sender=mrf.sender,
+        receiver=mrf.receiver,
+        poses=received,
+        log_weights=weights,
+        log_unary=log_unary,
+        log_neighbour=log_neighbour,
+        joint_draw=joint_draw,
+    )
 
 
 def _product(
@@ -220,15 +221,7 @@ def _product(
         for place, message in enumerate(incoming):
             shares[node, :, place] = factors[message]
             total[node] += factors[message]
-    belief = Belief(
-        samples.poses,
-        lw.normalise(total),
-        unary,
-        samples.ancestor,
-        samples.source,
-        samples.neighbour,
-        np.zeros(unary.shape, dtype=np.int32),
-    )
+    belief = Belief(poses=samples.poses, log_weights=lw.normalise(total), log_unary=unary, origin=samples.origin)
     return belief, shares, messages
 
 
@@ -259,23 +252,11 @@ def _pool(
     def pooled(values: NDArray[Kind]) -> NDArray[Kind]:
         return values.reshape(-1, *values.shape[2:])[order]
 
-    belief = Belief(
-        pooled(samples.poses),
-        log_weights,
-        pooled(unary),
-        pooled(samples.ancestor),
-        pooled(samples.source),
-        pooled(samples.neighbour),
-        np.zeros((mrf.nodes, size), dtype=np.int32),
+    came = samples.origin
+    origin = Origin.of(
+        order.shape, pooled(came.source), ancestor=pooled(came.ancestor), neighbour=pooled(came.neighbour)
     )
+    belief = Belief(poses=pooled(samples.poses), log_weights=log_weights, log_unary=pooled(unary), origin=origin)
     if problem.settings.messages_keep_unary:
-        messages = Messages(
-            messages.sender,
-            messages.receiver,
-            messages.poses,
-            updated,
-            messages.log_unary,
-            messages.log_neighbour,
-            messages.joint_draw,
-        )
+        messages = replace(messages, log_weights=updated)
     return belief, shares, messages

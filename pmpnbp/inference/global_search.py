@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +21,8 @@ from numpy.typing import NDArray
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import log_weights as lw
-from pmpnbp.inference.belief import FLIP, OWN, START, SURFACE, Belief, IterationReport, State
-from pmpnbp.inference.hypotheses import Hypotheses, distinct, walk
+from pmpnbp.inference.belief import FLIP, OWN, START, SURFACE, Belief, IterationReport, Origin, State
+from pmpnbp.inference.hypotheses import Hypotheses, Proposals, distinct, walk
 from pmpnbp.inference.initialisation import matched_roots, prior_roots, random_joints
 from pmpnbp.inference.joint_sweep import sweep
 from pmpnbp.inference.problem import Problem
@@ -31,8 +30,6 @@ from pmpnbp.inference.tree_estimate import configuration_scores, polish
 from pmpnbp.potentials.unary import explained_share
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.settings import Schedule
-
-Kind = TypeVar("Kind", bound=np.generic)
 
 # Places near each quarter turn of a finalist that are tried.
 FLIP_PLACES = 50
@@ -70,7 +67,7 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
         other, its_report = state, report
         for number in range(problem.search_iterations):
             other, its_report = _searched(rng, replace(other, iteration=number), problem)
-        if its_report.mle_score > report.mle_score:
+        if its_report.map_score > report.map_score:
             state, report = other, its_report
         shares.append(_explained(problem, report))
     notes = (
@@ -81,7 +78,7 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
 
 
 def _explained(problem: Problem, report: IterationReport) -> float:
-    return explained_share(problem.observation, problem.surfaces, report.mle, _tight(problem))
+    return explained_share(problem.observation, problem.surfaces, report.map_poses, _tight(problem))
 
 
 def _searched(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, IterationReport]:
@@ -92,9 +89,7 @@ def _searched(rng: np.random.Generator, state: State, problem: Problem) -> tuple
     plan = problem.schedule(number)
     proposals, kept = _proposals(rng, state, problem, plan, number)
     tried = walk(rng, problem, proposals, plan, kept)
-    total = tried.unary.sum(axis=1)
-    if problem.prior_node >= 0 and settings.prior_factor:
-        total = total + problem.log_prior(tried.part_poses[:, problem.prior_node])
+    total = problem.plus_prior(tried.unary.sum(axis=1), tried.part_poses[:, problem.prior_node])
     # more are rendered whole than are kept: the sum over parts counts a pixel once for every part that claims it
     order = np.argsort(-total, kind="stable")[: 20 * settings.search_islands]
     leaders, member_of = distinct(problem, tried, order, 3 * settings.search_islands, 1.5 * plan.diffusion_position)
@@ -104,23 +99,17 @@ def _searched(rng: np.random.Generator, state: State, problem: Problem) -> tuple
         tried, total = _settled(rng, problem, tried.taken(leaders[ranked]), plan)
         order = leaders = member_of = np.arange(len(total))
         whole, ranked = total, np.argsort(-total, kind="stable")
-    belief, temperature = _belief(problem, tried, total, order, member_of, leaders, whole, ranked)
+    belief, inverse_temperature = _belief(problem, tried, total, order, member_of, leaders, whole, ranked)
     best = leaders[ranked[0]]
-    new = State(number, belief, None, tried.roots[best], tried.joints[best])
-    shares = np.full((*belief.log_weights.shape, 0), np.nan)
-    report = IterationReport(
-        number,
+    new = State(iteration=number, belief=belief, root=tried.roots[best], joints=tried.joints[best])
+    report = IterationReport.of(
+        new,
         "search",
-        belief,
-        None,
-        shares,
-        np.full(problem.mrf.nodes, temperature),
-        plan.tolerance,
-        lw.effective_sample_size(belief.log_weights),
-        tried.part_poses[best],
-        tried.joints[best],
-        float(whole[ranked[0]]),
-        time.perf_counter() - began,
+        inverse_temperature=inverse_temperature,
+        tolerance=plan.tolerance,
+        map_poses=tried.part_poses[best],
+        map_score=float(whole[ranked[0]]),
+        seconds=time.perf_counter() - began,
     )
     return new, report
 
@@ -152,8 +141,13 @@ def _settled(
             problem.mrf.centres[0],
         )
         parent = np.repeat(np.tile(np.arange(len(centre)), len(turns)), FLIP_PLACES)
-        origins = np.full(len(near), FLIP, dtype=np.uint8), finalists.ancestor[parent]
-        flips = walk(rng, problem, (near, finalists.joints[parent], *origins), plan)
+        flipped = Proposals(
+            roots=near,
+            joints=finalists.joints[parent],
+            source=np.full(len(near), FLIP, dtype=np.uint8),
+            ancestor=finalists.ancestor[parent],
+        )
+        flips = walk(rng, problem, flipped, plan)
         best = flips.unary.sum(axis=1).reshape(-1, FLIP_PLACES).argmax(axis=1) + np.arange(len(turned)) * FLIP_PLACES
         finalists = finalists.joined(flips.taken(best))
     finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, effort.rounds)
@@ -188,11 +182,11 @@ def _polished(
 
 def _proposals(
     rng: np.random.Generator, state: State, problem: Problem, plan: Schedule, number: int
-) -> tuple[tuple[Array, Array, NDArray[np.uint8], NDArray[np.int32]], slice]:
+) -> tuple[Proposals, slice]:
     """Roots, joints, source and ancestor: new ones, and offspring of the islands (most of them later on); and which of
     them are the islands themselves."""
     count = problem.search_proposals
-    parents = None if number == 1 else np.unique(state.belief.island[0], return_index=True)[1]
+    parents = None if number == 1 else np.unique(state.belief.origin.island[0], return_index=True)[1]
     offspring = 0 if parents is None else round(count * min(0.9, 0.3 + 0.6 * number / problem.search_iterations))
     fresh = count - offspring
     joints = random_joints(rng, problem, fresh)
@@ -200,10 +194,14 @@ def _proposals(
         roots, origin = matched_roots(rng, problem, joints), SURFACE
     else:
         roots, origin = prior_roots(rng, problem, joints), START
-    source = np.full(fresh, origin, dtype=np.uint8)
-    ancestor = np.full(fresh, -1, dtype=np.int32)
+    new = Proposals(
+        roots=roots,
+        joints=joints,
+        source=np.full(fresh, origin, dtype=np.uint8),
+        ancestor=np.full(fresh, -1, dtype=np.int32),
+    )
     if parents is None:
-        return (roots, joints, source, ancestor), slice(0)
+        return new, slice(0)
     assert state.belief.joint_positions is not None
     ranks = rng.integers(len(parents), size=offspring)
     # every other child descends from the better half
@@ -229,13 +227,13 @@ def _proposals(
         axis = axes[rng.integers(len(axes), size=len(flipped)), np.arange(len(flipped))]
         children[flipped] = _turned(children[flipped], centre, axis, quarters)
         kind[flipped] = FLIP
-    together = (
-        np.concatenate([roots, children]),
-        np.concatenate([joints, state.belief.joint_positions[chosen]]),
-        np.concatenate([source, kind]),
-        np.concatenate([ancestor, chosen.astype(np.int32)]),
+    born = Proposals(
+        roots=children,
+        joints=state.belief.joint_positions[chosen],
+        source=kind,
+        ancestor=chosen.astype(np.int32),
     )
-    return together, slice(fresh, fresh + len(parents))
+    return new.joined(born), slice(fresh, fresh + len(parents))
 
 
 def _turned(roots: Array, centre: Array, axis: Array, quarters: NDArray[np.int64] | int) -> Array:
@@ -266,8 +264,8 @@ def _belief(
     members."""
     count = problem.particles
     share = problem.settings.effective_share or 0.15
-    temperature = float(lw.tempering(whole[ranked], share))
-    weights = np.exp(lw.normalise(temperature * whole[ranked]))
+    inverse_temperature = float(lw.tempering(whole[ranked], share))
+    weights = np.exp(lw.normalise(inverse_temperature * whole[ranked]))
     ranked = ranked[:count]
     slots = 1 + np.floor(weights[: len(ranked)] * (count - len(ranked))).astype(int)
     slots[0] += count - slots.sum()
@@ -280,20 +278,14 @@ def _belief(
     chosen, where = np.concatenate(rows), np.concatenate(island).astype(np.int32)
     members = tried.taken(chosen)
     # within an island by its members' own scores, between islands by the whole-object ones
-    merit = temperature * (total[chosen] - total[leaders[ranked]][where])
+    merit = inverse_temperature * (total[chosen] - total[leaders[ranked]][where])
     log_weights = lw.normalise(np.log(weights[where] / slots[where] + 1e-300) + np.minimum(merit, 0.0))
-    nodes = problem.mrf.nodes
-
-    def per_node(values: NDArray[Kind]) -> NDArray[Kind]:
-        return np.ascontiguousarray(np.broadcast_to(values, (nodes, count)))
-
-    return Belief(
-        np.ascontiguousarray(np.swapaxes(members.part_poses, 0, 1)),
-        per_node(log_weights),
-        np.ascontiguousarray(members.unary.T),
-        per_node(members.ancestor),
-        per_node(members.source),
-        np.full((nodes, count), -1, dtype=np.int32),
-        per_node(where),
-        members.joints,
-    ), temperature
+    shape = problem.mrf.nodes, count
+    belief = Belief(
+        poses=np.ascontiguousarray(np.swapaxes(members.part_poses, 0, 1)),
+        log_weights=np.tile(log_weights, (shape[0], 1)),
+        log_unary=np.ascontiguousarray(members.unary.T),
+        origin=Origin.of(shape, members.source, ancestor=members.ancestor, island=where),
+        joint_positions=members.joints,
+    )
+    return belief, inverse_temperature

@@ -6,7 +6,8 @@ the scan, from the root outwards; `distinct` leaves one of those that say the sa
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,38 +28,37 @@ NEAR = 3
 CAUTION = 0.5
 
 
-@dataclass(frozen=True)
-class Hypotheses:
-    """P whole objects: roots (P, 7), joints (P, D), where each came from and its ancestor (P,), parts' log unary (P, N)
-    and poses (P, N, 7)."""
+@dataclass(frozen=True, kw_only=True)
+class Proposals:
+    """P whole objects: roots (P, 7), joints (P, D), and source and ancestor (P,) of each, as in `Origin`."""
 
     roots: Array
     joints: Array
     source: NDArray[np.uint8]
     ancestor: NDArray[np.int32]
+
+    def taken(self, rows: NDArray[np.int64]) -> Self:
+        """Those at `rows`."""
+        return replace(self, **{entry.name: getattr(self, entry.name)[rows] for entry in fields(self)})
+
+    def joined(self, other: Self) -> Self:
+        """These and then the others."""
+        names = [entry.name for entry in fields(self)]
+        return replace(self, **{name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hypotheses(Proposals):
+    """Proposals whose joints have been given positions, with log unary (P, N) and poses (P, N, 7) of their parts."""
+
     unary: Array
     part_poses: Array
-
-    def taken(self, rows: NDArray[np.int64]) -> Hypotheses:
-        """Those at `rows`."""
-        return Hypotheses(
-            self.roots[rows],
-            self.joints[rows],
-            self.source[rows],
-            self.ancestor[rows],
-            self.unary[rows],
-            self.part_poses[rows],
-        )
-
-    def joined(self, other: Hypotheses) -> Hypotheses:
-        """These and then the others."""
-        return Hypotheses(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)))
 
 
 def walk(
     rng: np.random.Generator,
     problem: Problem,
-    proposals: tuple[Array, Array, NDArray[np.uint8], NDArray[np.int32]],
+    proposals: Proposals,
     plan: Schedule,
     kept: slice = slice(0),
 ) -> Hypotheses:
@@ -71,14 +71,15 @@ def walk(
     within the tolerance of any place it can reach. Half of the proposals choose with some chance, so that a part that
     is taken in by a wrong surface is not so in all of them.
     """
-    roots, joints, source, ancestor = proposals
-    offspring = (source == OWN) & (ancestor >= 0)
-    mrf, count = problem.mrf, len(roots)
-    joints = joints.copy()
+    offspring = (proposals.source == OWN) & (proposals.ancestor >= 0)
+    mrf, count = problem.mrf, len(proposals.roots)
+    joints = proposals.joints.copy()
     part_poses = np.zeros((count, mrf.nodes, 7))
     unary = np.zeros((count, mrf.nodes))
-    part_poses[:, 0] = roots
-    unary[:, 0] = problem.unary(np.zeros(count, dtype=np.int32), roots, plan.tolerance, "splats", SEARCH_POINTS)
+    part_poses[:, 0] = proposals.roots
+    unary[:, 0] = problem.unary(
+        np.zeros(count, dtype=np.int32), proposals.roots, plan.tolerance, "splats", SEARCH_POINTS
+    )
     for number in mrf.tree:
         edge = mrf.model.edges[number]
         settled = edge.axis_positions(joints)
@@ -102,7 +103,7 @@ def walk(
         joints[:, edge.coordinates[moving]] = ((axes[rows, pick] - edge.offset) / np.where(moving, edge.multiplier, 1))[
             :, moving
         ]
-    return Hypotheses(roots, joints, source, ancestor, unary, part_poses)
+    return Hypotheses(**vars(replace(proposals, joints=joints)), unary=unary, part_poses=part_poses)
 
 
 def _coordinates_of(edges: tuple[Edge, ...]) -> set[int]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.belief import START, Belief, State
+from pmpnbp.inference.belief import START, Belief, Origin, State
 from pmpnbp.inference.problem import Problem
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.scene.surface_points import area, drawn_points
@@ -22,23 +22,20 @@ def start(rng: np.random.Generator, problem: Problem) -> State:
     mrf, count = problem.mrf, problem.particles
     uniform = isinstance(problem.prior, UniformPrior)
     if uniform and problem.method == "pmpnbp":
-        return State(0, _unweighted(_on_the_scan(rng, problem, (mrf.nodes, count)), None))
+        return State(iteration=0, belief=_unweighted(_on_the_scan(rng, problem, (mrf.nodes, count)), None))
     joints = random_joints(rng, problem, count)
     roots = _on_the_scan(rng, problem, (count,)) if uniform else prior_roots(rng, problem, joints)
-    return State(0, _unweighted(np.swapaxes(mrf.model.part_poses(roots, joints), 0, 1), joints))
+    return State(iteration=0, belief=_unweighted(np.swapaxes(mrf.model.part_poses(roots, joints), 0, 1), joints))
 
 
 def _unweighted(particles: Array, joints: Array | None) -> Belief:
     shape = particles.shape[:2]
     return Belief(
-        np.ascontiguousarray(particles),
-        np.full(shape, -np.log(shape[1])),
-        np.zeros(shape),
-        np.full(shape, -1, dtype=np.int32),
-        np.full(shape, START, dtype=np.uint8),
-        np.full(shape, -1, dtype=np.int32),
-        np.zeros(shape, dtype=np.int32),
-        joints,
+        poses=np.ascontiguousarray(particles),
+        log_weights=np.full(shape, -np.log(shape[1])),
+        log_unary=np.zeros(shape),
+        origin=Origin.of(shape, START),
+        joint_positions=joints,
     )
 
 

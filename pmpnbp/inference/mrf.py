@@ -13,7 +13,7 @@ from pmpnbp.potentials.pairwise import EdgeTable, edge_table
 from pmpnbp.scene.articulated_object import ArticulatedObject
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Mrf:
     """Directed edges and the edge table for the kernels.
 
@@ -98,22 +98,22 @@ def build(model: ArticulatedObject) -> Mrf:
         [np.linalg.norm(np.ptp(part.mesh.vertices, axis=0)) / 2 if part.visible else 0.05 for part in model.parts]
     )
     return Mrf(
-        model,
-        sender,
-        receiver,
-        np.arange(len(sender), dtype=np.int32) // 2,
-        incoming,
-        feeding,
-        tree,
-        _depth(model, tree),
-        centres,
-        radii,
-        np.array([len(edge.axes) for edge in edges], dtype=np.int64),
-        before,
-        revolute,
-        axes,
-        after,
-        edge_table(edges),
+        model=model,
+        sender=sender,
+        receiver=receiver,
+        edge=np.arange(len(sender), dtype=np.int32) // 2,
+        incoming=incoming,
+        feeding=feeding,
+        tree=tree,
+        depth=_depth(model, tree),
+        centres=centres,
+        radii=radii,
+        axis_count=np.array([len(edge.axes) for edge in edges], dtype=np.int64),
+        before=before,
+        revolute=revolute,
+        axes=axes,
+        after=after,
+        table=edge_table(edges),
     )
 
 

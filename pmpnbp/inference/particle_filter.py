@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import log_weights as lw
-from pmpnbp.inference.belief import OWN, Belief, IterationReport, State
+from pmpnbp.inference.belief import OWN, Belief, IterationReport, Origin, State
 from pmpnbp.inference.joint_draws import joint_spreads, within_limits
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import improve
@@ -32,23 +32,19 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     began = time.perf_counter()
     number = state.iteration + 1
     plan = problem.schedule(number)
-    belief, temperature = _weighed(problem, *draw(rng, state, problem, plan), plan)
-    root, joints, mle, score = improve(rng, problem, state, belief, plan)
-    report = IterationReport(
-        number,
+    belief, inverse_temperature = _weighed(problem, *draw(rng, state, problem, plan), plan)
+    root, joints, map_poses, score = improve(rng, problem, state, belief, plan)
+    new = State(iteration=number, belief=belief, root=root, joints=joints)
+    report = IterationReport.of(
+        new,
         "particle filter",
-        belief,
-        None,
-        np.full((*belief.log_weights.shape, 0), np.nan),
-        np.full(problem.mrf.nodes, temperature),
-        plan.tolerance,
-        lw.effective_sample_size(belief.log_weights),
-        mle,
-        joints,
-        score,
-        time.perf_counter() - began,
+        inverse_temperature=inverse_temperature,
+        tolerance=plan.tolerance,
+        map_poses=map_poses,
+        map_score=score,
+        seconds=time.perf_counter() - began,
     )
-    return State(number, belief, None, root, joints), report
+    return new, report
 
 
 def draw(
@@ -81,19 +77,13 @@ def _weighed(
     part_poses = problem.mrf.model.part_poses(roots, joints)
     unary, _ = object_scores(problem.observation, problem.surfaces, part_poses, problem.score(plan.tolerance))
     share = settings.effective_share
-    temperature = float(lw.tempering(unary, share)) if share else settings.unary_scale
-    total = temperature * unary
-    if problem.prior_node >= 0 and settings.prior_factor:
-        total = total + problem.log_prior(part_poses[:, problem.prior_node])
-    shape = nodes, len(roots)
+    inverse_temperature = float(lw.tempering(unary, share)) if share else settings.unary_scale
+    total = problem.plus_prior(inverse_temperature * unary, part_poses[:, problem.prior_node])
     belief = Belief(
-        np.ascontiguousarray(np.swapaxes(part_poses, 0, 1)),
-        np.tile(lw.normalise(total), (nodes, 1)),
-        np.tile(unary, (nodes, 1)),
-        np.tile(ancestor.astype(np.int32), (nodes, 1)),
-        np.full(shape, OWN, dtype=np.uint8),
-        np.full(shape, -1, dtype=np.int32),
-        np.zeros(shape, dtype=np.int32),
-        joints,
+        poses=np.ascontiguousarray(np.swapaxes(part_poses, 0, 1)),
+        log_weights=np.tile(lw.normalise(total), (nodes, 1)),
+        log_unary=np.tile(unary, (nodes, 1)),
+        origin=Origin.of((nodes, len(roots)), OWN, ancestor=ancestor),
+        joint_positions=joints,
     )
-    return belief, temperature
+    return belief, inverse_temperature

@@ -19,7 +19,7 @@ from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.settings import Schedule, Settings, check_method, schedule
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Problem:
     """The inputs of every step.
 
@@ -97,6 +97,13 @@ class Problem:
         angle = poses.to_rotation_vector(turn) / self.prior.std_rpy
         return -0.5 * (np.einsum("...c,...c", offset, offset) + np.einsum("...c,...c", angle, angle))
 
+    def plus_prior(self, log_score: Array, prior_poses: Array, *, always: bool = False) -> Array:
+        """Log scores (...,) plus the log prior at the poses (..., 7) that they have `prior_node` at: unchanged without
+        a gaussian prior, and where the settings leave it out of the factors (but `always`)."""
+        if self.prior_node < 0 or not (always or self.settings.prior_factor):
+            return log_score
+        return log_score + self.log_prior(prior_poses)
+
 
 def build(
     model: ArticulatedObject,
@@ -124,18 +131,18 @@ def build(
     for edge in model.edges:
         turns[edge.coordinates] |= edge.revolute
     return Problem(
-        mrf_module.build(model),
-        observation,
-        prepare_surfaces(model, points=max(settings.splat_points, 64)),
-        prior,
-        node,
-        pose,
-        settings,
-        particles,
-        seed,
-        known,
-        turns,
-        method,
+        mrf=mrf_module.build(model),
+        observation=observation,
+        surfaces=prepare_surfaces(model, points=max(settings.splat_points, 64)),
+        prior=prior,
+        prior_node=node,
+        prior_pose=pose,
+        settings=settings,
+        particles=particles,
+        seed=seed,
+        joint_prior=known,
+        joint_turns=turns,
+        method=method,
     )
 
 

@@ -77,18 +77,18 @@ def begin(problem: Problem) -> tuple[State, IterationReport]:
     nodes, particles = state.belief.log_weights.shape
     model = problem.mrf.model
     report = IterationReport(
-        0,
-        "start",
-        state.belief,
-        None,
-        np.full((nodes, particles, 0), np.nan),
-        np.zeros(nodes),
-        problem.settings.tolerance_start,
-        np.full(nodes, float(particles)),
-        state.belief.poses[:, 0],
-        np.clip(0.0, model.lower, model.upper),
-        float("nan"),
-        0.0,
+        iteration=0,
+        stage="start",
+        belief=state.belief,
+        messages=None,
+        log_message_shares=np.zeros((nodes, particles, 0)),
+        inverse_temperature=np.zeros(nodes),
+        tolerance=problem.settings.tolerance_start,
+        effective_sample_size=np.full(nodes, float(particles)),
+        map_poses=state.belief.poses[:, 0],
+        map_joints=np.clip(0.0, model.lower, model.upper),
+        map_score=float("nan"),
+        seconds=0.0,
     )
     return state, report
 
@@ -115,7 +115,8 @@ def converged(reports: Sequence[IterationReport], problem: Problem) -> bool:
     if len(recent) <= needed or recent[1].iteration <= over:
         return False
     return all(
-        motion(problem, before.mle, after.mle) <= settings.converged_motion for before, after in pairwise(recent)
+        motion(problem, before.map_poses, after.map_poses) <= settings.converged_motion
+        for before, after in pairwise(recent)
     )
 
 

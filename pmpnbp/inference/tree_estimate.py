@@ -85,9 +85,7 @@ def configuration_scores(problem: Problem, roots: Array, joints: Array, toleranc
     """Whole-object log scores (C,) of root poses (C, 7) and joint vectors (C, D), the prior included."""
     part_poses = problem.mrf.model.part_poses(roots, joints)
     score, _ = object_scores(problem.observation, problem.surfaces, part_poses, problem.score(tolerance))
-    if problem.prior_node >= 0 and problem.settings.prior_factor:
-        score = score + problem.log_prior(part_poses[:, problem.prior_node])
-    return score
+    return problem.plus_prior(score, part_poses[:, problem.prior_node])
 
 
 def assemble(mrf: Mrf, part_poses: Array, anchor: int) -> tuple[Array, Array]:

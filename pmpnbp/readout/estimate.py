@@ -222,11 +222,11 @@ def agreeing(problem: Problem, report: IterationReport) -> tuple[Array, Array]:
     the one stands that, rendered whole, explains the scan best.
     """
     model = problem.mrf.model
-    joints = report.mle_joints
+    joints = report.map_joints
     # the paper's estimate has no joint vector of its own
-    if joints is not None and np.allclose(model.part_poses(report.mle[0], joints), report.mle, atol=1e-9):
-        return report.mle[0], joints
-    found = [assemble(problem.mrf, report.mle[None], anchor) for anchor in range(len(report.mle))]
+    if joints is not None and np.allclose(model.part_poses(report.map_poses[0], joints), report.map_poses, atol=1e-9):
+        return report.map_poses[0], joints
+    found = [assemble(problem.mrf, report.map_poses[None], anchor) for anchor in range(len(report.map_poses))]
     roots, vectors = np.concatenate([root for root, _ in found]), np.concatenate([q for _, q in found])
     best = int(configuration_scores(problem, roots, vectors, problem.settings.tolerance_end).argmax())
     return roots[best], vectors[best]

@@ -84,10 +84,7 @@ def _log_posterior(problem: Problem, roots: Array, joints: Array, tolerance: flo
     # also where the inference scores by eq. 10, whose sum of distances is no logarithm of a likelihood
     scoring = replace(problem.score(tolerance), form="robust")
     score, _ = object_scores(problem.observation, problem.surfaces, part_poses, scoring)
-    found = CONFIDENCE * score
-    if problem.prior_node >= 0:
-        found = found + problem.log_prior(part_poses[:, problem.prior_node])
-    return found
+    return problem.plus_prior(CONFIDENCE * score, part_poses[:, problem.prior_node], always=True)
 
 
 def _span(problem: Problem, coordinate: int) -> float:

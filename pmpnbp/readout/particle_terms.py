@@ -1,6 +1,6 @@
 """Why does a particle weigh what it does, and where does it come from? The terms of its log weight, and its origin.
 
-Iterations of the search have no messages: the particles of one hypothesis (`Belief.island`) share its whole-object
+Iterations of the search have no messages: the particles of one hypothesis (`Origin.island`) share its whole-object
 score. Nor has the particle filter: potential, prior and weight are those of the whole object.
 """
 
@@ -52,7 +52,7 @@ class Terms:
 def terms(problem: Problem, report: IterationReport, node: int, particle: int) -> Terms:
     """The terms of the log weight of a part's particle."""
     belief = report.belief
-    unary = float(report.temperature[node] * belief.log_unary[node, particle])
+    unary = float(report.inverse_temperature[node] * belief.log_unary[node, particle])
     prior = _log_prior(problem, report, node, particle)
     messages = tuple(_message_terms(problem, report, node, particle))
     rest = float(belief.log_weights[node, particle]) - unary - prior
@@ -64,13 +64,13 @@ def terms(problem: Problem, report: IterationReport, node: int, particle: int) -
 def ancestor_part(report: IterationReport, node: int, particle: int) -> int:
     """The part whose particle of the iteration before the `ancestor` of a particle is."""
     belief = report.belief
-    return int(belief.neighbour[node, particle]) if belief.source[node, particle] == NEIGHBOUR else node
+    return int(belief.origin.neighbour[node, particle]) if belief.origin.source[node, particle] == NEIGHBOUR else node
 
 
 def origin(problem: Problem, report: IterationReport, node: int, particle: int) -> str:
     """Where a particle comes from, one sentence."""
     belief, model = report.belief, problem.mrf.model
-    source, ancestor = int(belief.source[node, particle]), int(belief.ancestor[node, particle])
+    source, ancestor = int(belief.origin.source[node, particle]), int(belief.origin.ancestor[node, particle])
     own, before = model.parts[node].name, report.iteration - 1
     if source == START:
         return "It was placed at the start." if report.iteration == 0 else "It was drawn anew from the prior."

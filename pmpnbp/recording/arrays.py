@@ -16,16 +16,24 @@ from numpy.typing import NDArray
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import log_weights as lw
-from pmpnbp.inference.belief import Belief, IterationReport, Messages, State
+from pmpnbp.inference.belief import Belief, IterationReport, Messages, Origin, State
 
 Arrays = dict[str, NDArray[Any]]
-_OF_REPORT = ("log_message_shares", "temperature", "effective_sample_size", "mle", "mle_joints")
+# The report's own arrays: names in the file, which are older than the fields', and the fields.
+_OF_REPORT = {
+    "log_message_shares": "log_message_shares",
+    "temperature": "inverse_temperature",
+    "effective_sample_size": "effective_sample_size",
+    "mle": "map_poses",
+    "mle_joints": "map_joints",
+}
 
 
 def to_arrays(report: IterationReport, state: State) -> Arrays:
     """The arrays of an iteration by name."""
     found = _members("belief", report.belief) | _members("messages", report.messages)
-    found |= {name: np.asarray(getattr(report, name)) for name in _OF_REPORT if getattr(report, name) is not None}
+    own = {name: getattr(report, member) for name, member in _OF_REPORT.items()}
+    found |= {name: np.asarray(array) for name, array in own.items() if array is not None}
     kept = _members("belief", state.belief) | _members("messages", state.messages)
     for name in found.keys() | kept.keys():
         if name.startswith(("belief.", "messages.")) and not _same(found.get(name), kept.get(name)):
@@ -65,20 +73,18 @@ def incoming_messages(receiver: NDArray[np.integer], nodes: int) -> list[list[in
 def to_report(number: int, scalars: Mapping[str, Any], arrays: Arrays) -> IterationReport:
     """The report of iteration `number` from the row of `iterations` and its arrays."""
     found = _completed(arrays)
+    own = {member: _frozen(found[name]) for name, member in _OF_REPORT.items() if name != "mle_joints"}
     return IterationReport(
-        number,
-        scalars["stage"],
-        _belief(found, ""),
-        _messages(found, ""),
-        _frozen(found["log_message_shares"]),
-        _frozen(found["temperature"]),
-        scalars["tolerance"],
-        _frozen(found["effective_sample_size"]),
-        _frozen(found["mle"]),
-        found.get("mle_joints"),  # the paper's estimate has none
-        float("nan") if scalars["mle_score"] is None else scalars["mle_score"],
-        scalars["seconds"],
-        tuple(scalars["notes"]),
+        iteration=number,
+        stage=scalars["stage"],
+        belief=_belief(found, ""),
+        messages=_messages(found, ""),
+        map_joints=found.get("mle_joints"),  # the paper's estimate has none
+        map_score=float("nan") if scalars["mle_score"] is None else scalars["mle_score"],
+        tolerance=scalars["tolerance"],
+        seconds=scalars["seconds"],
+        notes=tuple(scalars["notes"]),
+        **own,
     )
 
 
@@ -86,7 +92,11 @@ def to_state(number: int, arrays: Arrays) -> State:
     """The state after iteration `number`."""
     found = _completed(arrays)
     return State(
-        number, _belief(found, "state."), _messages(found, "state."), found.get("state.root"), found.get("state.joints")
+        iteration=number,
+        belief=_belief(found, "state."),
+        messages=_messages(found, "state."),
+        root=found.get("state.root"),
+        joints=found.get("state.joints"),
     )
 
 
@@ -97,26 +107,34 @@ def _completed(arrays: Arrays) -> Arrays:
 def _members(prefix: str, value: Belief | Messages | None) -> Arrays:
     if value is None:
         return {}
-    members = {f"{prefix}.{entry.name}": getattr(value, entry.name) for entry in fields(value)}
-    return {name: member for name, member in members.items() if member is not None}
+    members = vars(value)
+    if isinstance(value, Belief):  # in the file a particle's origin is not set apart
+        members = {name: member for name, member in members.items() if name != "origin"} | vars(value.origin)
+    return {f"{prefix}.{name}": member for name, member in members.items() if member is not None}
 
 
 def _belief(found: Arrays, first: str) -> Belief:
-    members = {entry.name: _either(found, first, f"belief.{entry.name}") for entry in fields(Belief)}
-    missing = [name for name, member in members.items() if member is None and name != "joint_positions"]
-    if missing:
-        raise KeyError(missing[0])
-    return Belief(**members)  # type: ignore[arg-type]  # checked above
+    members = {
+        entry.name: _either(found, first, f"belief.{entry.name}") for entry in (*fields(Belief), *fields(Origin))
+    }
+    joints = members.pop("joint_positions")
+    del members["origin"]
+    present = _present(members)
+    origin = Origin(**{entry.name: present.pop(entry.name) for entry in fields(Origin)})
+    return Belief(origin=origin, joint_positions=joints, **present)
 
 
 def _messages(found: Arrays, first: str) -> Messages | None:
     members = {entry.name: _either(found, first, f"messages.{entry.name}") for entry in fields(Messages)}
-    if members["sender"] is None:
-        return None
-    missing = [name for name, member in members.items() if member is None]
-    if missing:
-        raise KeyError(missing[0])
-    return Messages(**members)  # type: ignore[arg-type]
+    return None if members["sender"] is None else Messages(**_present(members))
+
+
+def _present(members: Mapping[str, NDArray[Any] | None]) -> Arrays:
+    """The members. Raises KeyError where one is missing."""
+    for name, member in members.items():
+        if member is None:
+            raise KeyError(name)
+    return dict(members)  # type: ignore[arg-type]  # checked above
 
 
 def _either(found: Arrays, first: str, name: str) -> NDArray[Any] | None:

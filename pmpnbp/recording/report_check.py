@@ -36,18 +36,20 @@ def _fits(problem: Problem, report: IterationReport) -> bool:
         _numbers(belief.poses, (*each, 7)),
         _numbers(belief.log_weights, each) and bool(np.allclose(np.exp(belief.log_weights).sum(axis=1), 1, atol=1e-3)),
         _numbers(belief.log_unary, each),
-        *(_whole(array, each) for array in (belief.ancestor, belief.source, belief.neighbour, belief.island)),
+        *(_whole(array, each) for array in vars(belief.origin).values()),
         belief.joint_positions is None or _finite(belief.joint_positions, (count, dof)),
         _numbers(report.log_message_shares, (*each, *report.log_message_shares.shape[2:3])),
-        *(_numbers(array, (nodes,)) for array in (report.temperature, report.effective_sample_size)),
-        _poses(report.mle, (nodes, 7)),
-        report.mle_joints is None or _finite(report.mle_joints, (dof,)),
+        *(_numbers(array, (nodes,)) for array in (report.inverse_temperature, report.effective_sample_size)),
+        _poses(report.map_poses, (nodes, 7)),
+        report.map_joints is None or _finite(report.map_joints, (dof,)),
     ]
     if not all(told):
         return False
-    if not _poses(belief.poses, (*each, 7)) or not np.all(belief.source < len(SOURCES)):
+    if not _poses(belief.poses, (*each, 7)) or not np.all(belief.origin.source < len(SOURCES)):
         return False
-    return bool(np.all(belief.neighbour < nodes)) and (messages is None or _messages_fit(problem, report, messages))
+    return bool(np.all(belief.origin.neighbour < nodes)) and (
+        messages is None or _messages_fit(problem, report, messages)
+    )
 
 
 def _messages_fit(problem: Problem, report: IterationReport, messages: Messages) -> bool:

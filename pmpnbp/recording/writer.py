@@ -187,7 +187,7 @@ class RecordingWriter:
         packed = [(report.iteration, name, *pack(values)) for name, values in to_arrays(report, item.state).items()]
         run = self._connection.execute
         run("BEGIN IMMEDIATE")
-        score = report.mle_score if math.isfinite(report.mle_score) else None
+        score = report.map_score if math.isfinite(report.map_score) else None
         row = (report.iteration, report.stage, report.tolerance, score, report.seconds, json.dumps(report.notes))
         run("INSERT INTO iterations VALUES (?, ?, ?, ?, ?, ?)", row)
         self._connection.executemany("INSERT INTO arrays VALUES (?, ?, ?, ?, ?)", packed)

@@ -72,7 +72,9 @@ def test_the_terms_of_a_weight_sum_up_to_it(client: httpx.Client, path: str, rec
             found = answer.json()
             shares = found["shares"]
             assert found["log_weight"] == report.belief.log_weights[node, index]
-            assert shares["unary"] == pytest.approx(report.temperature[node] * report.belief.log_unary[node, index])
+            assert shares["unary"] == pytest.approx(
+                report.inverse_temperature[node] * report.belief.log_unary[node, index]
+            )
             total = shares["unary"] + shares["prior"] + sum(shares["messages"].values())
             assert found["log_potential"] == pytest.approx(total)
             assert found["log_weight"] == pytest.approx(total + shares["constant"])

@@ -91,7 +91,7 @@ def test_a_session_equals_the_command_line(client: httpx.Client, tmp_path: Path,
             mine, theirs = one.report(number), other.report(number)
             assert mine.belief.poses.tobytes() == theirs.belief.poses.tobytes()
             assert mine.belief.log_weights.tobytes() == theirs.belief.log_weights.tobytes()
-            assert mine.mle.tobytes() == theirs.mle.tobytes()
+            assert mine.map_poses.tobytes() == theirs.map_poses.tobytes()
 
 
 def test_an_estimate_is_what_its_description_says(client: httpx.Client, path: str) -> None:

@@ -11,7 +11,7 @@ import pytest
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import belief_propagation
-from pmpnbp.inference.belief import START, Belief, IterationReport, State
+from pmpnbp.inference.belief import START, Belief, IterationReport, Origin, State
 from pmpnbp.inference.belief_propagation import Samples
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.pairwise import log_potential
@@ -41,15 +41,12 @@ def scattered_state(
     noise = spread * rng.standard_normal((2, *shape, 3))
     weights = rng.dirichlet(np.ones(count), size=shape[0])
     belief = Belief(
-        poses.perturb(middle[:, None], noise[0], noise[1]),
-        np.log(weights),
-        np.zeros(shape),
-        np.full(shape, -1, dtype=np.int32),
-        np.full(shape, START, dtype=np.uint8),
-        np.full(shape, -1, dtype=np.int32),
-        np.zeros(shape, dtype=np.int32),
+        poses=poses.perturb(middle[:, None], noise[0], noise[1]),
+        log_weights=np.log(weights),
+        log_unary=np.zeros(shape),
+        origin=Origin.of(shape, START),
     )
-    return State(iteration, belief)
+    return State(iteration=iteration, belief=belief)
 
 
 def recorded_steps(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -177,7 +177,7 @@ def rough_prior(rng: np.random.Generator, root: Array, link: str = "link0") -> G
 Unary = Callable[[Array, Array], Array]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class GivenUnary(Problem):
     """A problem whose unary potential is a formula, not a picture."""
 
@@ -201,4 +201,4 @@ def given_unary(
     built = problems.build(
         model, NOTHING_SEEN, prior or UniformPrior("upright"), settings, particles=particles, seed=seed
     )
-    return GivenUnary(*(getattr(built, entry.name) for entry in fields(Problem)), formula)
+    return GivenUnary(**vars(built), formula=formula)

@@ -88,8 +88,8 @@ def test_samples_are_the_beliefs_particles_where_nothing_diffuses(rng: np.random
     state = scattered_state(rng, problem)
     node = problem.mrf.receiver
     samples = belief_propagation.draw(rng, state, problem, node, schedule(problem.settings, 1))
-    assert np.all(samples.source == OWN) and np.all(samples.neighbour == -1)
-    expected = np.take_along_axis(state.belief.poses[node], samples.ancestor[..., None], axis=1)
+    assert np.all(samples.origin.source == OWN) and np.all(samples.origin.neighbour == -1)
+    expected = np.take_along_axis(state.belief.poses[node], samples.origin.ancestor[..., None], axis=1)
     np.testing.assert_allclose(samples.poses, expected, atol=1e-12)
 
 
@@ -104,7 +104,7 @@ def test_ancestors_are_drawn_in_proportion_to_the_weights(rng: np.random.Generat
     for _ in range(repeats):
         drawn = belief_propagation.draw(rng, state, problem, nodes, schedule(problem.settings, 1))
         for node in nodes:
-            counts[node] += np.bincount(drawn.ancestor[node], minlength=count)
+            counts[node] += np.bincount(drawn.origin.ancestor[node], minlength=count)
     weights = np.exp(state.belief.log_weights)
     total = repeats * count
     deviation = np.sqrt(total * weights * (1 - weights))
@@ -121,7 +121,7 @@ def test_diffusion_has_the_spread_it_says(rng: np.random.Generator) -> None:
     state = scattered_state(rng, problem, count=50)
     nodes = np.arange(4, dtype=np.int32)
     drawn = belief_propagation.draw(rng, state, problem, nodes, schedule(problem.settings, 1))
-    origin = np.take_along_axis(state.belief.poses, drawn.ancestor[..., None], axis=1)
+    origin = np.take_along_axis(state.belief.poses, drawn.origin.ancestor[..., None], axis=1)
     centre = problem.mrf.centres[:, None]
     shift = poses.transform_points(drawn.poses, centre) - poses.transform_points(origin, centre)
     turn = poses.quaternion_multiply(drawn.poses[..., 3:], poses.quaternion_conjugate(origin[..., 3:]))
@@ -134,5 +134,5 @@ def test_the_best_particles_are_the_estimate(monkeypatch: pytest.MonkeyPatch, rn
     (step,) = recorded_steps(monkeypatch, problem, scattered_state(rng, problem), steps=1)
     belief = step.report.belief
     best = belief.log_weights.argmax(axis=1)
-    np.testing.assert_array_equal(step.report.mle, belief.poses[np.arange(3), best])
-    assert np.isnan(step.report.mle_score)
+    np.testing.assert_array_equal(step.report.map_poses, belief.poses[np.arange(3), best])
+    assert np.isnan(step.report.map_score)

@@ -103,7 +103,7 @@ def test_the_papers_start_puts_origins_on_observed_points(rng: np.random.Generat
     assert belief.poses.shape == (3, 100, 7)
     known = {tuple(point) for point in observation.points.tolist()}
     assert all(tuple(position) in known for position in belief.poses[..., :3].reshape(-1, 3).tolist())
-    assert np.all(belief.source == START) and np.all(belief.ancestor == -1)
+    assert np.all(belief.origin.source == START) and np.all(belief.origin.ancestor == -1)
     np.testing.assert_allclose(np.exp(belief.log_weights).sum(axis=1), 1.0)
 
 

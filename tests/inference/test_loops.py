@@ -99,12 +99,12 @@ def test_it_finds_the_truth_from_a_rough_prior(scene: problem.Problem, seed: int
     report = list(run.iterate(replace(scene, seed=seed), 24))[-1]
     errors = [
         add(model_points(part.mesh), pose, true)
-        for part, pose, true in zip(model.parts, report.mle, truth, strict=True)
+        for part, pose, true in zip(model.parts, report.map_poses, truth, strict=True)
     ]
     assert max(errors) < 0.01
     # the loop closes in the estimate although the tree does not ask for it
     closing = model.edges[3]
-    relative = poses.multiply(poses.inverse(report.mle[closing.parent]), report.mle[closing.child])
+    relative = poses.multiply(poses.inverse(report.map_poses[closing.parent]), report.map_poses[closing.child])
     _, translation, _ = project(closing, relative)
     assert np.linalg.norm(translation) < 0.01
 
@@ -124,8 +124,8 @@ def test_the_beliefs_agree_with_the_joint_that_closes_the_loop(scene: problem.Pr
         state, report = belief_propagation.step(np.random.default_rng([4, number]), state, alone)
         assert np.all(np.isfinite(report.belief.poses)) and not np.any(np.isnan(report.belief.log_weights))
     closing = model.edges[3]
-    relative = poses.multiply(poses.inverse(report.mle[closing.parent]), report.mle[closing.child])
+    relative = poses.multiply(poses.inverse(report.map_poses[closing.parent]), report.map_poses[closing.child])
     _, translation, _ = project(closing, relative)
     assert np.linalg.norm(translation) < 0.02
-    distance = np.linalg.norm(report.mle[:, :3] - truth[:, :3], axis=1)
+    distance = np.linalg.norm(report.map_poses[:, :3] - truth[:, :3], axis=1)
     assert distance.max() < 0.02

@@ -15,7 +15,7 @@ from pmpnbp.errors import SettingError
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import particle_filter, problem, run
-from pmpnbp.inference.belief import OWN, START, Belief, IterationReport, State
+from pmpnbp.inference.belief import OWN, START, Belief, IterationReport, Origin, State
 from pmpnbp.inference.joint_draws import joint_spreads
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores
@@ -69,18 +69,14 @@ def weighted_state(rng: np.random.Generator, made: Problem, root: Array, joints:
     drawn = np.clip(joints + 0.05 * rng.standard_normal((count, model.dof)), model.lower, model.upper)
     shape = made.mrf.nodes, count
     weights = np.tile(np.log(rng.dirichlet(np.ones(count))), (made.mrf.nodes, 1))
-    whole = np.full(shape, -1, dtype=np.int32)
     belief = Belief(
-        np.swapaxes(model.part_poses(roots, drawn), 0, 1),
-        weights,
-        np.zeros(shape),
-        whole,
-        np.full(shape, START, dtype=np.uint8),
-        whole,
-        np.zeros(shape, dtype=np.int32),
-        drawn,
+        poses=np.swapaxes(model.part_poses(roots, drawn), 0, 1),
+        log_weights=weights,
+        log_unary=np.zeros(shape),
+        origin=Origin.of(shape, START),
+        joint_positions=drawn,
     )
-    return State(5, belief)
+    return State(iteration=5, belief=belief)
 
 
 def slow_object_score(made: Problem, part_poses: Array, tolerance: float) -> float:
@@ -180,7 +176,7 @@ def test_a_step_is_what_the_slow_twin_makes_of_the_same_draws(rng: np.random.Gen
     slow = slow_objects(np.random.default_rng(3), made, state)
     assert belief.joint_positions is not None
     for k, (ancestor, part_poses, q) in enumerate(slow):
-        assert np.all(belief.ancestor[:, k] == ancestor)
+        assert np.all(belief.origin.ancestor[:, k] == ancestor)
         np.testing.assert_allclose(belief.joint_positions[k], q, atol=1e-9)
         np.testing.assert_allclose(belief.poses[:, k, :3], part_poses[:, :3], atol=1e-9)
         assert poses.rotation_angle(belief.poses[:, k, 3:], part_poses[:, 3:]).max() < 1e-6
@@ -192,17 +188,23 @@ def test_a_step_is_what_the_slow_twin_makes_of_the_same_draws(rng: np.random.Gen
     scores = belief.log_unary[0]
     share = settings.effective_share
     factor = slow_temperature(scores, share) if share else settings.unary_scale
-    np.testing.assert_allclose(report.temperature, factor, rtol=1e-3)
+    np.testing.assert_allclose(report.inverse_temperature, factor, rtol=1e-3)
     weighs = made.prior_node >= 0 and settings.prior_factor
     weight = [
-        np.exp(report.temperature[0] * (score - scores.max()) + (made.log_prior(part_poses[0]) if weighs else 0.0))
+        np.exp(
+            report.inverse_temperature[0] * (score - scores.max()) + (made.log_prior(part_poses[0]) if weighs else 0.0)
+        )
         for score, (_, part_poses, _) in zip(scores, slow, strict=True)
     ]
     for node in range(made.mrf.nodes):
         np.testing.assert_allclose(np.exp(belief.log_weights[node]), np.array(weight) / sum(weight), rtol=1e-5)
         np.testing.assert_array_equal(belief.log_unary[node], scores)
     np.testing.assert_allclose(report.effective_sample_size, sum(weight) ** 2 / np.sum(np.square(weight)), rtol=1e-5)
-    assert np.all(belief.source == OWN) and np.all(belief.neighbour == -1) and np.all(belief.island == 0)
+    assert (
+        np.all(belief.origin.source == OWN)
+        and np.all(belief.origin.neighbour == -1)
+        and np.all(belief.origin.island == 0)
+    )
     assert report.log_message_shares.shape == (made.mrf.nodes, 24, 0)
 
 
@@ -257,10 +259,10 @@ def whole(made: Problem, report: IterationReport) -> None:
     assert np.ptp(belief.log_weights, axis=0).max() == 0.0
     np.testing.assert_allclose(np.exp(belief.log_weights[0]).sum(), 1.0)
     if report.iteration:
-        assert report.mle_joints is not None
-        fitting = model.part_poses(report.mle[0], report.mle_joints)
-        np.testing.assert_allclose(report.mle[..., :3], fitting[..., :3], atol=1e-9)
-        assert np.all((report.mle_joints >= model.lower - 1e-9) & (report.mle_joints <= model.upper + 1e-9))
+        assert report.map_joints is not None
+        fitting = model.part_poses(report.map_poses[0], report.map_joints)
+        np.testing.assert_allclose(report.map_poses[..., :3], fitting[..., :3], atol=1e-9)
+        assert np.all((report.map_joints >= model.lower - 1e-9) & (report.map_joints <= model.upper + 1e-9))
 
 
 QUICK = {"search_iterations": 2, "search_proposals": 200, "anneal_iterations": 3}
@@ -286,9 +288,11 @@ def test_every_iteration_is_of_whole_objects_within_limits(
     if not estimated:
         last = reports[-1]
         best = int(last.belief.log_weights[0].argmax())
-        np.testing.assert_array_equal(last.mle, last.belief.poses[:, best])
-        score = configuration_scores(made, last.mle[:1], last.belief.joint_positions[best : best + 1], last.tolerance)
-        assert last.mle_score == score[0]
+        np.testing.assert_array_equal(last.map_poses, last.belief.poses[:, best])
+        score = configuration_scores(
+            made, last.map_poses[:1], last.belief.joint_positions[best : best + 1], last.tolerance
+        )
+        assert last.map_score == score[0]
 
 
 def test_limits_and_tree_hold_where_joints_follow_and_turn_freely() -> None:
@@ -303,7 +307,7 @@ def test_an_object_of_one_part_has_no_joints() -> None:
     made = filtering(brick, root, np.zeros(0), rough(root), search_proposals=600)
     report = list(run.iterate(made, 24))[-1]
     whole(made, report)
-    assert add(model_points(brick.parts[0].mesh), report.mle[0], root) < 0.01
+    assert add(model_points(brick.parts[0].mesh), report.map_poses[0], root) < 0.01
 
 
 def test_a_uniform_start_lays_roots_on_observed_points_and_a_gaussian_one_is_that_of_pmpnbp() -> None:
@@ -324,7 +328,7 @@ def test_the_search_is_the_same_for_both_methods() -> None:
     made = filtering(worlds.cupboard(), ROOT, JOINTS, UniformPrior("upright"), **QUICK)
     mine, theirs = (list(run.iterate(each, 2))[-1] for each in (made, replace(made, method="pmpnbp")))
     assert mine.belief.poses.tobytes() == theirs.belief.poses.tobytes()
-    assert mine.mle.tobytes() == theirs.mle.tobytes()
+    assert mine.map_poses.tobytes() == theirs.map_poses.tobytes()
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_gives_others() -> None:
@@ -333,7 +337,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_gives_others() -> None:
     for first, second in zip(runs[0], runs[1], strict=True):
         assert first.belief.poses.tobytes() == second.belief.poses.tobytes()
         assert first.belief.log_weights.tobytes() == second.belief.log_weights.tobytes()
-        assert first.mle.tobytes() == second.mle.tobytes()
+        assert first.map_poses.tobytes() == second.map_poses.tobytes()
     assert runs[0][-1].belief.poses.tobytes() != runs[2][-1].belief.poses.tobytes()
 
 
@@ -362,5 +366,5 @@ def test_the_sample_cabinet_is_found_from_a_rough_prior(repository: Path, seed: 
     )
     reports = list(run.iterate(made, 20))
     assert reports[-1].stage == "particle filter"
-    for part, found, true in zip(model.parts, reports[-1].mle, truth, strict=True):
+    for part, found, true in zip(model.parts, reports[-1].map_poses, truth, strict=True):
         assert add(model_points(part.mesh), found, true) < 0.01

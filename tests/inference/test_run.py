@@ -40,7 +40,7 @@ def last(made: Problem, iterations: int) -> IterationReport:
     report = None
     for number, report in enumerate(run.iterate(made, iterations)):
         assert report.iteration == number
-        assert np.all(np.isfinite(report.belief.poses)) and np.all(np.isfinite(report.mle))
+        assert np.all(np.isfinite(report.belief.poses)) and np.all(np.isfinite(report.map_poses))
         np.testing.assert_allclose(np.linalg.norm(report.belief.poses[..., 3:], axis=-1), 1.0, atol=1e-6)
         np.testing.assert_allclose(np.exp(report.belief.log_weights).sum(axis=1), 1.0, rtol=1e-6)
         limit = report.belief.log_weights.shape[1] * (1 + 1e-9)
@@ -72,7 +72,7 @@ Cabinet = tuple[ArticulatedObject, Observation, Array, Array]
 def test_the_sample_cabinet_from_no_prior(cabinet: Cabinet, seed: int) -> None:
     model, observation, truth, visible = cabinet
     made = problem.build(model, observation, UniformPrior("upright"), worlds.settings(), seed=seed)
-    error = errors_of(model, last(made, 24).mle, truth)
+    error = errors_of(model, last(made, 24).map_poses, truth)
     assert np.all(error[visible >= 0.1] < 0.01)
 
 
@@ -81,7 +81,7 @@ def test_the_sample_cabinet_from_a_rough_prior(cabinet: Cabinet, seed: int) -> N
     model, observation, truth, visible = cabinet
     prior = worlds.rough_prior(np.random.default_rng(seed), truth[0], model.parts[0].links[0])
     made = problem.build(model, observation, prior, worlds.settings(), seed=seed)
-    error = errors_of(model, last(made, 20).mle, truth)
+    error = errors_of(model, last(made, 20).map_poses, truth)
     assert np.all(error[visible >= 0.1] < 0.01)
 
 
@@ -92,8 +92,8 @@ def test_the_preset_paper_runs_on_the_cabinet_and_stays_finite(cabinet: Cabinet,
     report = last(made, 15)
     # box 2 pools the sets of all incoming messages: the frame hears from three drawers
     assert report.belief.poses.shape == (4, 300, 7)
-    assert np.all(report.temperature == 1.0)
-    assert report.mle_joints is None  # its parts need not agree with a tree
+    assert np.all(report.inverse_temperature == 1.0)
+    assert report.map_joints is None  # its parts need not agree with a tree
 
 
 MODEL = worlds.cupboard()
@@ -113,9 +113,9 @@ def test_an_object_of_one_part() -> None:
     root = worlds.at(1.0, 0.1, 0.3, yaw=0.5)
     observation = worlds.seen(brick, root, np.zeros(0))
     report = last(quick(brick, observation, root), 24)
-    assert report.mle_joints is not None and report.mle_joints.shape == (0,)
+    assert report.map_joints is not None and report.map_joints.shape == (0,)
     assert report.messages is not None and report.messages.poses.shape[0] == 0
-    assert errors_of(brick, report.mle, root[None])[0] < 0.01
+    assert errors_of(brick, report.map_poses, root[None])[0] < 0.01
 
 
 def test_an_object_of_one_part_by_the_paper() -> None:
@@ -133,8 +133,8 @@ def test_a_chain_of_24_parts_runs() -> None:
     observation = worlds.seen(snake, root, joints)
     short = {"search_iterations": 2, "search_iterations_per_joint": 0, "search_proposals": 30, "anneal_iterations": 2}
     report = last(quick(snake, observation, root, **short), 6)
-    assert report.mle.shape == (24, 7)
-    assert report.mle_joints is not None and report.mle_joints.shape == (23,)
+    assert report.map_poses.shape == (24, 7)
+    assert report.map_joints is not None and report.map_joints.shape == (23,)
     assert report.messages is not None and report.messages.poses.shape[0] == 46
 
 
@@ -155,8 +155,8 @@ def test_a_part_without_geometry_is_carried_by_its_neighbours() -> None:
     root, at = worlds.at(1.4, 0.0, 0.4, yaw=-2.0), np.array([0.3, -0.5, 0.2])
     report = last(quick(model, worlds.seen(model, root, at), root, particles=200), 24)
     truth = model.part_poses(root, at)
-    assert np.all(errors_of(model, report.mle, truth) < 0.01)
-    assert np.linalg.norm(report.mle[1, :3] - truth[1, :3]) < 0.02
+    assert np.all(errors_of(model, report.map_poses, truth) < 0.01)
+    assert np.linalg.norm(report.map_poses[1, :3] - truth[1, :3]) < 0.02
 
 
 def test_two_views_see_what_one_does_not() -> None:
@@ -171,7 +171,7 @@ def test_two_views_see_what_one_does_not() -> None:
     both = observe(scans, front.roi, up=worlds.UP)
     assert len(both.views) == 2
     error = {
-        name: errors_of(MODEL, last(quick(MODEL, seen, root, particles=150), 24).mle, truth)
+        name: errors_of(MODEL, last(quick(MODEL, seen, root, particles=150), 24).map_poses, truth)
         for name, seen in (("one", front), ("two", both))
     }
     assert error["one"][1:].max() > 0.02
@@ -199,7 +199,7 @@ def test_parts_outside_the_picture_do_no_harm() -> None:
     observation = worlds.seen(MODEL, ROOT, JOINTS, camera)
     report = last(quick(MODEL, observation, ROOT), 12)
     truth = MODEL.part_poses(ROOT, JOINTS)
-    assert errors_of(MODEL, report.mle, truth)[0] < 0.2
+    assert errors_of(MODEL, report.map_poses, truth)[0] < 0.2
 
 
 @pytest.fixture(scope="module")
@@ -214,8 +214,8 @@ def test_converged_means_that_the_schedule_is_over_and_nothing_moved(made: Probl
     report = last(made, 1)
 
     def at(iteration: int, shift: float = 0.0, turn: float = 0.0) -> IterationReport:
-        moved = poses.perturb(report.mle, np.array([shift, 0, 0]), np.array([0, 0, turn]), made.mrf.centres)
-        return replace(report, iteration=iteration, mle=moved)
+        moved = poses.perturb(report.map_poses, np.array([shift, 0, 0]), np.array([0, 0, turn]), made.mrf.centres)
+        return replace(report, iteration=iteration, map_poses=moved)
 
     def history(end: int, *shifts: float) -> list[IterationReport]:
         return [at(end - len(shifts) + 1 + k, shift) for k, shift in enumerate(shifts)]
@@ -243,7 +243,7 @@ def test_a_run_stops_once_converged_and_not_before(made: Problem) -> None:
     assert reports[-1].iteration < 60
     assert run.converged(reports, made)
     assert not run.converged(reports[:-1], made)
-    moved = [run.motion(made, a.mle, b.mle) for a, b in pairwise(reports)]
+    moved = [run.motion(made, a.map_poses, b.map_poses) for a, b in pairwise(reports)]
     assert max(moved[-needed:]) <= made.settings.converged_motion
     assert [report.stage for report in reports[:2]] == ["start", "search"]
 
@@ -260,5 +260,5 @@ def test_the_whole_run_is_determined_by_its_seed(made: Problem) -> None:
     for first, second in zip(runs[0], runs[1], strict=True):
         assert first.belief.poses.tobytes() == second.belief.poses.tobytes()
         assert first.belief.log_weights.tobytes() == second.belief.log_weights.tobytes()
-        assert first.mle.tobytes() == second.mle.tobytes()
-    assert runs[0][-1].mle.tobytes() != runs[2][-1].mle.tobytes()
+        assert first.map_poses.tobytes() == second.map_poses.tobytes()
+    assert runs[0][-1].map_poses.tobytes() != runs[2][-1].map_poses.tobytes()

@@ -138,27 +138,27 @@ def test_a_searched_belief_is_made_of_whole_objects(scene: Problem, searched: li
         again = MODEL.part_poses(belief.poses[0], belief.joint_positions)
         np.testing.assert_allclose(np.swapaxes(belief.poses, 0, 1)[..., :3], again[..., :3], atol=1e-6)
         np.testing.assert_allclose(np.exp(belief.log_weights).sum(axis=1), 1.0, rtol=1e-9)
-        assert np.all(belief.island == belief.island[0])
-        assert len(np.unique(belief.island[0])) <= scene.settings.search_islands
+        assert np.all(belief.origin.island == belief.origin.island[0])
+        assert len(np.unique(belief.origin.island[0])) <= scene.settings.search_islands
         # the first particle leads the best island, and is the estimate
-        assert belief.island[0, 0] == 0
-        np.testing.assert_array_equal(report.mle, belief.poses[:, 0])
-        np.testing.assert_array_equal(report.mle_joints, belief.joint_positions[0])
+        assert belief.origin.island[0, 0] == 0
+        np.testing.assert_array_equal(report.map_poses, belief.poses[:, 0])
+        np.testing.assert_array_equal(report.map_joints, belief.joint_positions[0])
 
 
 def test_a_searched_particle_says_where_it_came_from(searched: list[run.IterationReport]) -> None:
-    assert set(np.unique(searched[1].belief.source)) == {SURFACE}
+    assert set(np.unique(searched[1].belief.origin.source)) == {SURFACE}
     later = searched[3].belief
-    assert {OWN, FLIP} & set(np.unique(later.source).tolist())
-    fresh = later.source == SURFACE
-    assert np.all(later.ancestor[fresh] == -1)
-    assert np.all((later.ancestor[~fresh] >= 0) & (later.ancestor[~fresh] < 100))
+    assert {OWN, FLIP} & set(np.unique(later.origin.source).tolist())
+    fresh = later.origin.source == SURFACE
+    assert np.all(later.origin.ancestor[fresh] == -1)
+    assert np.all((later.origin.ancestor[~fresh] >= 0) & (later.origin.ancestor[~fresh] < 100))
 
 
 def test_the_best_of_the_search_does_not_get_lost(searched: list[run.IterationReport], scene: Problem) -> None:
     """Scores of different iterations do not compare, their tolerances differ; the places of the best ones do."""
     truth = MODEL.part_poses(ROOT, JOINTS)
-    assert errors_of(MODEL, searched[-1].mle, truth).max() < 0.05
+    assert errors_of(MODEL, searched[-1].map_poses, truth).max() < 0.05
 
 
 def searched_with(scene: Problem, **changes: object) -> list[run.IterationReport]:
@@ -175,7 +175,7 @@ def test_what_the_scan_does_not_confirm_is_searched_again(scene: Problem) -> Non
         assert [report.iteration for report in reports] == [report.iteration for report in once]
         np.testing.assert_array_equal(reports[-2].belief.poses, once[-2].belief.poses)
         assert f"the search was made {restarts + 1} times" in reports[-1].notes[0]
-    scores = [reports[-1].mle_score for reports in (once, *more)]
+    scores = [reports[-1].map_score for reports in (once, *more)]
     assert scores == sorted(scores) and scores[-1] > scores[0]
     again = searched_with(scene, search_explained=1.0, search_restarts=4)[-1]
     np.testing.assert_array_equal(again.belief.poses, more[-1][-1].belief.poses)
@@ -184,7 +184,7 @@ def test_what_the_scan_does_not_confirm_is_searched_again(scene: Problem) -> Non
 def test_what_the_scan_confirms_is_not_searched_again(scene: Problem, searched: list[run.IterationReport]) -> None:
     last = searched[-1]
     assert scene.settings.search_restarts > 0 and last.notes == ()
-    share = explained_share(scene.observation, scene.surfaces, last.mle, 0.024)
+    share = explained_share(scene.observation, scene.surfaces, last.map_poses, 0.024)
     assert share > scene.settings.search_explained
     never = searched_with(scene, search_explained=0.0)[-1]
     assert never.notes == ()
@@ -193,7 +193,7 @@ def test_what_the_scan_confirms_is_not_searched_again(scene: Problem, searched: 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_it_finds_an_upright_object_anywhere(scene: Problem, seed: int) -> None:
     report = list(run.iterate(replace(scene, seed=seed), 24))[-1]
-    assert errors_of(MODEL, report.mle, MODEL.part_poses(ROOT, JOINTS)).max() < 0.01
+    assert errors_of(MODEL, report.map_poses, MODEL.part_poses(ROOT, JOINTS)).max() < 0.01
 
 
 @pytest.mark.parametrize(
@@ -209,7 +209,7 @@ def test_any_orientation_finds_an_object_that_does_not_stand(root: Array) -> Non
         MODEL, observation, UniformPrior("any"), worlds.settings(search_proposals=3000), particles=100, seed=1
     )
     report = list(run.iterate(made, made.search_iterations + 12))[-1]
-    assert errors_of(MODEL, report.mle, MODEL.part_poses(root, JOINTS)).max() < 0.01
+    assert errors_of(MODEL, report.map_poses, MODEL.part_poses(root, JOINTS)).max() < 0.01
 
 
 def test_upright_the_search_starts_from_hypotheses_that_stand(scene: Problem) -> None:

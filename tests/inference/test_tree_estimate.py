@@ -157,6 +157,6 @@ def test_every_report_agrees_with_the_tree(scene: problem.Problem) -> None:
     reports = list(run.iterate(small, 6))
     assert {report.stage for report in reports} == {"start", "search", "belief propagation", "refine"}
     for report in reports[1:]:
-        again = model.part_poses(report.mle[0], report.mle_joints)
-        np.testing.assert_allclose(report.mle[..., :3], again[..., :3], atol=1e-9)
-        assert np.all((report.mle_joints >= model.lower - 1e-9) & (report.mle_joints <= model.upper + 1e-9))
+        again = model.part_poses(report.map_poses[0], report.map_joints)
+        np.testing.assert_allclose(report.map_poses[..., :3], again[..., :3], atol=1e-9)
+        assert np.all((report.map_joints >= model.lower - 1e-9) & (report.map_joints <= model.upper + 1e-9))

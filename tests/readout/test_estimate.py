@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from pmpnbp.geometry import poses
 from pmpnbp.inference import problem as problem_module
-from pmpnbp.inference.belief import Belief, IterationReport
+from pmpnbp.inference.belief import START, Belief, IterationReport, Origin, State
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout import estimate as readout
 from pmpnbp.readout import posterior
@@ -74,27 +75,19 @@ def report_of(
     nodes, count = particles.shape[:2]
     weights = np.full((nodes, count), -np.log(count)) if log_weights is None else log_weights
     belief = Belief(
-        particles,
-        weights,
-        np.zeros((nodes, count)),
-        np.full((nodes, count), -1, dtype=np.int32),
-        np.zeros((nodes, count), dtype=np.uint8),
-        np.full((nodes, count), -1, dtype=np.int32),
-        np.zeros((nodes, count), dtype=np.int32),
+        poses=particles,
+        log_weights=weights,
+        log_unary=np.zeros((nodes, count)),
+        origin=Origin.of((nodes, count), START),
     )
-    return IterationReport(
-        7,
+    return IterationReport.of(
+        State(iteration=7, belief=belief, joints=joints),
         "belief propagation",
-        belief,
-        None,
-        np.full((nodes, count, 0), np.nan),
-        np.ones(nodes),
-        0.012,
-        np.full(nodes, float(count)),
-        part_poses,
-        joints,
-        0.0,
-        0.1,
+        inverse_temperature=1.0,
+        tolerance=0.012,
+        map_poses=part_poses,
+        map_score=0.0,
+        seconds=0.1,
     )
 
 
@@ -201,7 +194,7 @@ def test_joint_std_of_whole_objects_is_that_of_their_joints(problem: Problem, rn
     both = np.stack([joints, joints])
     turning = model.coordinate_names.index("float/turn")
     both[1, turning] += 2 * np.pi - 0.1  # the short way round
-    belief = Belief(**{**vars(plain), "joint_positions": both})
+    belief = replace(plain, joint_positions=both)
     stds = posterior.joint_stds(rng, model, belief, joints)
     assert stds[turning] == pytest.approx(0.05)
     # nothing is seen of these two, however alike the particles are in them

@@ -104,7 +104,7 @@ def test_an_angle_is_not_torn_apart_at_the_end_of_a_turn(made: tuple[Problem, li
     plain = next(one for one in marginals(problem, report, root) if one.name == "yaw")
     turn = poses.from_xyz_rpy(np.zeros(3), np.array([0.0, 0.0, np.pi - plain.estimate]))
     belief = replace(report.belief, poses=poses.multiply(turn, report.belief.poses))
-    turned = replace(report, belief=belief, mle=poses.multiply(turn, report.mle))
+    turned = replace(report, belief=belief, map_poses=poses.multiply(turn, report.map_poses))
     found = next(one for one in marginals(problem, turned, root) if one.name == "yaw")
     assert np.cos(found.estimate) == pytest.approx(-1)
     assert found.edges[-1] - found.edges[0] == pytest.approx(plain.edges[-1] - plain.edges[0], abs=1e-9)

@@ -60,7 +60,7 @@ def test_the_terms_sum_to_the_weight(prior: str, product: str) -> None:
             if np.isneginf(log_weight):
                 continue
             found = terms(problem, report, node, particle)
-            assert found.unary == report.temperature[node] * report.belief.log_unary[node, particle]
+            assert found.unary == report.inverse_temperature[node] * report.belief.log_unary[node, particle]
             assert (found.prior < 0) == (prior == "gaussian" and part.name == "link1")
             assert log_weight == pytest.approx(found.log_potential + found.constant)
             constants.setdefault(tuple(message.sender for message in found.messages), []).append(found.constant)
@@ -99,14 +99,14 @@ def test_the_terms_of_the_particle_filter_are_the_whole_objects(prior: str) -> N
 def test_the_origin_names_the_ancestor_and_the_joint() -> None:
     problem, reports = iterations("uniform")
     report, node = reports[4], 2
-    lent, own = (int(np.flatnonzero(report.belief.source[node] == source)[0]) for source in (NEIGHBOUR, OWN))
+    lent, own = (int(np.flatnonzero(report.belief.origin.source[node] == source)[0]) for source in (NEIGHBOUR, OWN))
     assert (ancestor_part(report, node, lent), ancestor_part(report, node, own)) == (0, node)
     assert origin(problem, report, node, lent) == (
-        f"It was proposed through hinge from link0: particle {report.belief.ancestor[node, lent]} of link0 in "
+        f"It was proposed through hinge from link0: particle {report.belief.origin.ancestor[node, lent]} of link0 in "
         "iteration 3, with a position of the joint drawn anew."
     )
     assert origin(problem, report, node, own) == (
-        f"It descends from particle {report.belief.ancestor[node, own]} of link2 in iteration 3, moved by the "
+        f"It descends from particle {report.belief.origin.ancestor[node, own]} of link2 in iteration 3, moved by the "
         "diffusion."
     )
 
@@ -115,6 +115,6 @@ def test_start_and_search_have_origins_and_no_messages() -> None:
     problem, reports = iterations("uniform")
     assert origin(problem, reports[0], 0, 0) == "It was placed at the start."
     assert terms(problem, reports[0], 0, 0).messages == ()
-    told = {SOURCES[reports[1].belief.source[0, k]]: origin(problem, reports[1], 0, k) for k in range(PARTICLES)}
+    told = {SOURCES[reports[1].belief.origin.source[0, k]]: origin(problem, reports[1], 0, k) for k in range(PARTICLES)}
     assert told["surface"].startswith("It belongs to a hypothesis that puts oriented surface points of a part on")
     assert terms(problem, reports[1], 0, 0).messages == ()

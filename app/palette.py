@@ -1,12 +1,14 @@
-"""Which colour has a part? One list for every picture, page and 3D view, so that a part looks the same everywhere.
+"""Which colour has a part, and which a pixel that fits it or does not? One list for every picture, page and 3D view.
 
-Six hues that stay apart for readers with any of the usual colour vision deficiencies and on a grey scan; further parts
-take them again, darker, then lighter. tests/app/test_palette.py measures how far apart they are.
+Parts have six hues that stay apart for readers with any of the usual colour vision deficiencies and on a grey scan;
+further parts take them again, darker, then lighter. tests/app/test_palette.py measures how far apart they are.
 """
 
 from __future__ import annotations
 
 from colorsys import hls_to_rgb, rgb_to_hls
+
+from pmpnbp.potentials.pixel_kinds import PixelKind
 
 # sRGB, hexadecimal. Neighbours in the list differ most, as parts are numbered along the kinematic tree.
 PART_COLOURS = ("#4a72cf", "#f0a33c", "#23a374", "#b56fae", "#82dcec", "#b43d22")
@@ -16,6 +18,26 @@ PAPER = "#f3f4f6"
 # What text and pictures stand on where the page is dark, and the contrast to it that a part's colour has to have.
 DARK_PAPER = "#14181f"
 STANDS_OUT = 3.0
+
+# Of the kinds of covered pixels, apart for readers with any colour vision deficiency: after Okabe and Ito. The page's
+# legend has the same names and colours (static/session/layers.js, static/session-panel.css).
+KIND_COLOURS = {
+    PixelKind.EXPLAINED: "#0072b2",
+    PixelKind.ON_SUPPORT: "#56b4e9",
+    PixelKind.IN_FRONT: "#f0c83c",
+    PixelKind.SEEN_THROUGH: "#c8430a",
+    PixelKind.NO_DEPTH: "#8a8f98",
+    PixelKind.OUTSIDE_ROI: "#b9a3c9",
+}
+KIND_NAMES = {
+    PixelKind.NOT_COVERED: "not covered",
+    PixelKind.EXPLAINED: "explained",
+    PixelKind.ON_SUPPORT: "on a support plane",
+    PixelKind.IN_FRONT: "something in front",
+    PixelKind.SEEN_THROUGH: "free space violated",
+    PixelKind.NO_DEPTH: "no depth",
+    PixelKind.OUTSIDE_ROI: "outside the region",
+}
 
 # Lightness of a colour's second and third use, as shares of the way to black and to white.
 _DARKER, _LIGHTER = 0.38, 0.55

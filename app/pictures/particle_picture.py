@@ -13,23 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from app.palette import DARK_PAPER, INK, PAPER, Colour, rgb
+from app.palette import DARK_PAPER, INK, KIND_COLOURS, KIND_NAMES, PAPER, Colour, rgb
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
+from pmpnbp.potentials.pixel_kinds import PixelKind, pixel_kinds
 from pmpnbp.potentials.unary import PixelScore, render_part
-from pmpnbp.scene.observation import NO_DEPTH, OBJECT, SUPPORT, View
 
-# What a covered pixel counts as.
-NOT_COVERED, EXPLAINED, ON_SUPPORT, IN_FRONT, SEEN_THROUGH, UNKNOWN, OUTSIDE_ROI = range(7)
-# Their colours, sRGB, apart for readers with any of the usual colour vision deficiencies: after Okabe and Ito.
-KIND_COLOURS = {
-    EXPLAINED: "#0072b2",
-    ON_SUPPORT: "#56b4e9",
-    IN_FRONT: "#f0c83c",
-    SEEN_THROUGH: "#c8430a",
-    UNKNOWN: "#8a8f98",
-    OUTSIDE_ROI: "#b9a3c9",
-}
 # Depth from near to far, sRGB: lightness falls evenly.
 RAMP = ("#f6efd9", "#c9d3b0", "#86b1a0", "#4d8797", "#2f5a80", "#252f57")
 NARROWEST, LONGEST = 480, 1600
@@ -40,7 +29,6 @@ ASPECT = 0.86
 PANELS, LEGEND_COLUMNS = 3, 2
 
 Picture = NDArray[np.uint8]
-Kinds = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -92,7 +80,7 @@ def particle_picture(
     seen = problem.observation.views[view]
     rendered = render_part(seen.camera, problem.surfaces, node, report.belief.poses[node, index])
     score = problem.score(report.tolerance)
-    kinds = pixel_kinds(seen, rendered, score.tolerance)
+    kinds = pixel_kinds(seen.depth, seen.category, rendered, score.tolerance)
     rows, columns = cut_out(rendered > 0, ASPECT)
     style = _style(width, dark)
     cut_depth, cut_rendered = seen.depth[rows, columns], rendered[rows, columns]
@@ -106,31 +94,6 @@ def particle_picture(
     )
     counts = {kind: int(np.count_nonzero(kinds == kind)) for kind in KIND_COLOURS}
     return _png(_composed(panels, counts, span, score, style))
-
-
-def pixel_kinds(view: View, rendered: NDArray[np.float32], tolerance: float) -> Kinds:
-    """What each pixel (h, w) counts as, where a part covers it: the cases of the robust pixel score.
-
-    rendered : (h, w) metres, 0 where the part is not; tolerance : metres
-    EXPLAINED and ON_SUPPORT: within the tolerance, on what may be the object or on a support plane. OUTSIDE_ROI:
-    within it, but outside the region of interest, worth nothing. SEEN_THROUGH: observed further away, or the part
-    stands behind a support plane; both cost as much. IN_FRONT: something else is nearer. UNKNOWN: no depth.
-    """
-    difference = view.depth - rendered
-    near = np.abs(difference) < tolerance
-    support, known = view.category == SUPPORT, view.category != NO_DEPTH
-    kinds = np.full(rendered.shape, NOT_COVERED, dtype=np.uint8)
-    cases = (
-        (~known, UNKNOWN),
-        (known & near & (view.category == OBJECT), EXPLAINED),
-        (known & near & support, ON_SUPPORT),
-        (known & near & ~support & (view.category != OBJECT), OUTSIDE_ROI),
-        (known & ~near & ((difference > 0) | support), SEEN_THROUGH),
-        (known & ~near & (difference < 0) & ~support, IN_FRONT),
-    )
-    for where, kind in cases:
-        kinds[where & (rendered > 0)] = kind
-    return kinds
 
 
 def cut_out(covered: NDArray[np.bool_], aspect: float) -> tuple[slice, slice]:
@@ -189,7 +152,7 @@ def _over(behind: Picture, rendered: NDArray[np.float32], span: tuple[float, flo
     return np.where((rendered > 0)[..., None], _depth_colours(rendered, span, style), behind)
 
 
-def _kind_colours(kinds: Kinds, behind: Picture) -> Picture:
+def _kind_colours(kinds: NDArray[np.uint8], behind: Picture) -> Picture:
     picture = behind.copy()
     for kind, colour in KIND_COLOURS.items():
         picture[kinds == kind] = rgb(colour)
@@ -210,7 +173,7 @@ def _with_rim(picture: Picture, rim: NDArray[np.bool_], style: Style) -> Picture
 
 def _composed(
     panels: tuple[tuple[str, Picture], ...],
-    counts: dict[int, int],
+    counts: dict[PixelKind, int],
     span: tuple[float, float],
     score: PixelScore,
     style: Style,
@@ -279,20 +242,20 @@ def _draw_entry(
     draw.text((after, middle), worth, font=style.letters, fill=style.quiet, anchor="lm")
 
 
-def _legend(counts: dict[int, int], score: PixelScore) -> list[tuple[Colour, int, str, str]]:
+def _legend(counts: dict[PixelKind, int], score: PixelScore) -> list[tuple[Colour, int, str, str]]:
     """Of each kind its colour, how many pixels are of it, its name, and what such a pixel is worth."""
-    texts = {
-        EXPLAINED: ("explained", "up to +1"),
-        ON_SUPPORT: ("on a support plane", f"up to +{score.support_reward:g}"),
-        IN_FRONT: ("something in front", f"{-score.occlusion_cost:g}"),
-        SEEN_THROUGH: ("free space violated", f"{-score.free_space_cost:g}"),
-        UNKNOWN: ("no depth", "0"),
-        OUTSIDE_ROI: ("outside the region", "0"),
+    worth = {
+        PixelKind.EXPLAINED: "up to +1",
+        PixelKind.ON_SUPPORT: f"up to +{score.support_reward:g}",
+        PixelKind.IN_FRONT: f"{-score.occlusion_cost:g}",
+        PixelKind.SEEN_THROUGH: f"{-score.free_space_cost:g}",
+        PixelKind.NO_DEPTH: "0",
+        PixelKind.OUTSIDE_ROI: "0",
     }
     robust = score.form == "robust"
     return [
-        (rgb(KIND_COLOURS[kind]), counts[kind], name, f"{worth} each" if robust else "")
-        for kind, (name, worth) in texts.items()
+        (rgb(KIND_COLOURS[kind]), counts[kind], KIND_NAMES[kind], f"{worth[kind]} each" if robust else "")
+        for kind in KIND_COLOURS
     ]
 
 

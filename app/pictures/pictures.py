@@ -25,6 +25,7 @@ from app.pictures.backdrop import LIGHT, backdrop, resized, scaled, without_spec
 from app.pictures.part_images import NOTHING, PartImage, PartImages
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
+from pmpnbp.potentials.pixel_kinds import in_front
 from pmpnbp.readout.estimate import VISIBLE_TOLERANCE
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.observation import Scan
@@ -206,8 +207,8 @@ def _hidden(depth: NDArray[np.float32], parts: PartImage, finer: int) -> Grey:
     """How far the scan `depth` is in front of the parts, 0 to 1, borders softened and single pixels ignored. On a
     surface seen at a flat angle a small error across is a large one in depth."""
     tolerance = VISIBLE_TOLERANCE / np.maximum(parts.cosine, FLATTEST)
-    in_front = (parts.part != NOTHING) & (depth > 0) & (depth < parts.depth - tolerance)
-    share = ndimage.uniform_filter(in_front.astype(np.float32), 2 * finer + 1)
+    behind = (parts.part != NOTHING) & in_front(depth, parts.depth, tolerance)
+    share = ndimage.uniform_filter(behind.astype(np.float32), 2 * finer + 1)
     hidden = np.clip(2 * ndimage.gaussian_filter(share, 0.5 * finer) - 0.5, 0, 1)
     return hidden.astype(np.float32)
 

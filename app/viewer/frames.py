@@ -119,10 +119,12 @@ def _colours(count: int, theme: Theme) -> tuple[Colour, ...]:
 
 
 def _scans(made: Snapshot, state: ViewState, stage: Stage, part_poses: Array) -> Iterator[Points]:
-    for number, (scan, clouds) in enumerate(zip(stage.scans, stage.clouds, strict=True)):
+    for number, (scan, category, clouds) in enumerate(zip(stage.scans, stage.categories, stage.clouds, strict=True)):
         explained = None
         if state.colour_scan == "explained":
-            fit = scan_points.fits(scan, made.problem.surfaces, part_poses, made.problem.settings.tolerance_end)
+            fit = scan_points.fits(
+                scan, category, made.problem.surfaces, part_poses, made.problem.settings.tolerance_end
+            )
             explained = scan_points.explained_colours(scan, state.theme, fit)
         for name, cloud, size in zip(("object", "around"), clouds, SPACED, strict=True):
             painted = (cloud.depth_colours if state.colour_scan == "depth" else cloud.plain_colours)[state.theme]

@@ -1,7 +1,7 @@
 """Which colour has a point of the scan? By its depth, by how well the estimate explains it, or plain.
 
-The kinds of fit, and their colours, are those of the particle's picture. All is shaded as the scan's picture is
-(`app.pictures.backdrop`), so that surfaces can be told apart.
+Kinds of fit are those of the pixel score, in the colours of the particle's picture. All is shaded as the scan's picture
+is (`app.pictures.backdrop`), so that surfaces can be told apart.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.palette import rgb
+from app.palette import KIND_COLOURS, rgb
 from app.pictures.backdrop import backdrop, scaled
-from app.pictures.particle_picture import EXPLAINED, IN_FRONT, KIND_COLOURS, NOT_COVERED, SEEN_THROUGH
 from app.viewer.scene_frame import Bytes, Floats
 from app.viewer.view_state import THEMES, Theme
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
+from pmpnbp.potentials.pixel_kinds import pixel_kinds
 from pmpnbp.potentials.surfaces import Surfaces
 from pmpnbp.potentials.unary import render
 from pmpnbp.scene.observation import Scan
@@ -89,21 +89,21 @@ def scan_points(scan: Scan) -> ScanPoints:
 def explained_colours(cloud: ScanPoints, theme: Theme, fit: NDArray[np.uint8]) -> Bytes:
     """(P, 3): the colours of kinds `fit` (P,), as `fits` gives them; what is not covered is plain."""
     found = cloud.plain_colours[theme].copy()
-    for kind in (EXPLAINED, IN_FRONT, SEEN_THROUGH):
+    for kind, colour in KIND_COLOURS.items():
         chosen = fit == kind
-        found[chosen] = _lit(np.array([rgb(KIND_COLOURS[kind])], dtype=np.float32), cloud.shade[chosen])
+        found[chosen] = _lit(np.array([rgb(colour)], dtype=np.float32), cloud.shade[chosen])
     return found
 
 
-def fits(cloud: ScanPoints, surfaces: Surfaces, part_poses: Array, tolerance: float) -> NDArray[np.uint8]:
-    """(P,) kinds of `particle_picture`: how each point fits the parts at `part_poses` (N, 7), part in world.
+def fits(
+    cloud: ScanPoints, category: NDArray[np.uint8], surfaces: Surfaces, part_poses: Array, tolerance: float
+) -> NDArray[np.uint8]:
+    """(P,) the PixelKind of each point to the parts at `part_poses` (N, 7), part in world, rendered together.
 
-    tolerance : metres, the difference in depth up to which a point is explained
+    category : (P,) of the points, as `View.category`; tolerance : metres, the difference up to which one is explained
     """
     drawn, _ = render(cloud.camera, surfaces, part_poses)
-    difference = cloud.depth - drawn
-    found = np.where(difference > tolerance, SEEN_THROUGH, np.where(difference < -tolerance, IN_FRONT, EXPLAINED))
-    return np.where(drawn > 0, found, NOT_COVERED)[cloud.measured].astype(np.uint8)
+    return pixel_kinds(cloud.depth[cloud.measured], category, drawn[cloud.measured], tolerance)
 
 
 def _shade(grey: Floats, tone: Floats) -> Floats:

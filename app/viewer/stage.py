@@ -19,12 +19,11 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
 from pmpnbp.scene.articulated_object import ArticulatedObject, Part
-from pmpnbp.scene.observation import Observation
+from pmpnbp.scene.observation import OBJECT, Observation
+from pmpnbp.scene.observe import pixel_categories
 
 # A part of more triangles than this is drawn by its inference mesh: every one of them goes to the browser.
 MOST_TRIANGLES = 20_000
-# A point so near to a support plane, metres, is on it.
-ON_PLANE = 0.015
 # In a coarse cloud every so many rows and columns of the image are: of what may be the object, of what is around it.
 STRIDES = 1, 3
 # Half a support plane's square, as a share of the object's size.
@@ -64,13 +63,15 @@ class Cloud:
 @dataclass(frozen=True)
 class Stage:
     """model : whose shapes they are; shapes : None for a part without geometry
-    scans : one per view; clouds : of each scan what may be the object, and what is around it
+    scans : one per view; categories : (P,) of each scan's points, as `View.category`
+    clouds : of each scan what may be the object, and what is around it
     planes : (4, 3) corners of a square in each support plane
     up : (3,) world; eye : where the view begins; size : metres, about that of the object"""
 
     model: ArticulatedObject
     shapes: tuple[Shape | None, ...]
     scans: tuple[ScanPoints, ...]
+    categories: tuple[NDArray[np.uint8], ...]
     clouds: tuple[tuple[Cloud, Cloud], ...]
     planes: tuple[Floats, ...]
     up: Array
@@ -81,10 +82,13 @@ class Stage:
 def stage(problem: Problem, scans: tuple[ScanPoints, ...]) -> Stage:
     """The stage of a problem whose scans these are."""
     model, observation = problem.mrf.model, problem.observation
-    clouds = tuple(_clouds(scan, observation) for scan in scans)
+    categories = tuple(
+        pixel_categories(scan.depth[scan.measured], scan.points, observation.roi, observation.planes) for scan in scans
+    )
+    clouds = tuple(_clouds(scan, category) for scan, category in zip(scans, categories, strict=True))
     eye, size = _eye(observation), object_size(model)
     planes = tuple(_square(plane, np.array(eye.look_at), SQUARE * size) for plane in observation.planes)
-    return Stage(model, shapes(model), scans, clouds, planes, observation.up, eye, size)
+    return Stage(model, shapes(model), scans, categories, clouds, planes, observation.up, eye, size)
 
 
 def shapes(model: ArticulatedObject) -> tuple[Shape | None, ...]:
@@ -107,16 +111,11 @@ def _square(plane: Array, near: Array, reach: float) -> Floats:
     return np.array(corners, dtype=np.float32)
 
 
-def _clouds(scan: ScanPoints, observation: Observation) -> tuple[Cloud, Cloud]:
-    """The points in the region of interest and not on a support plane, and all others."""
-    points = scan.points
-    inside = np.ones(len(points), dtype=bool)
-    if observation.roi is not None:
-        inside = np.all((points >= observation.roi[:3]) & (points <= observation.roi[3:]), axis=1)
-    for plane in observation.planes:
-        inside &= points @ plane[:3] + plane[3] > ON_PLANE
+def _clouds(scan: ScanPoints, category: NDArray[np.uint8]) -> tuple[Cloud, Cloud]:
+    """The points that may be the object, and all others."""
     inner, outer = STRIDES
-    return _cloud(scan, np.flatnonzero(inside), inner), _cloud(scan, np.flatnonzero(~inside), outer)
+    own, others = np.flatnonzero(category == OBJECT), np.flatnonzero(category != OBJECT)
+    return _cloud(scan, own, inner), _cloud(scan, others, outer)
 
 
 def _cloud(scan: ScanPoints, which: NDArray[np.intp], stride: int) -> Cloud:

@@ -18,6 +18,7 @@ from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.potentials.kernels import rasterised_scores, rasteriser, splatting
 from pmpnbp.potentials.kernels.pixel_scores import pack_view
+from pmpnbp.potentials.pixel_kinds import in_front
 from pmpnbp.potentials.surfaces import Surfaces
 from pmpnbp.scene.observation import Observation, View
 
@@ -128,7 +129,7 @@ def visible_fractions(observation: Observation, surfaces: Surfaces, poses_world_
     fractions = np.zeros(len(pose))
     for view in observation.views:
         depth, number = render(view.camera, surfaces, pose)
-        hidden = (view.depth > 0) & (view.depth < depth - tolerance)
+        hidden = in_front(view.depth, depth, tolerance)
         for node in range(len(pose)):
             alone = render_part(view.camera, surfaces, node, pose[node])
             covered = np.count_nonzero(alone)

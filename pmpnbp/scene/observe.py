@@ -25,6 +25,8 @@ from pmpnbp.scene.support_planes import ScenePoints, find_support_planes
 MARGIN = 15
 # Width in pixels of the thinned image that planes are looked for in.
 PLANE_WIDTH = 160
+# A pixel is on a support plane where it is within so many metres of it, plus so many per metre of depth squared.
+PLANE_TOLERANCE, PLANE_TOLERANCE_GROWTH = 0.01, 0.002
 # A floor leans less than this against the picture's vertical where no camera pose says where up is (cosine of 60°).
 FLOOR_COSINE = 0.5
 
@@ -35,8 +37,8 @@ def observe(
     *,
     width: int = 160,
     up: Array | None = None,
-    plane_tolerance: float = 0.01,
-    plane_tolerance_growth: float = 0.002,
+    plane_tolerance: float = PLANE_TOLERANCE,
+    plane_tolerance_growth: float = PLANE_TOLERANCE_GROWTH,
 ) -> Observation:
     """The Observation of one scene in one or several `scans`, which share a world frame.
 
@@ -205,11 +207,16 @@ def _scene_points(scans: Sequence[Scan], roi: Array | None, base: float, growth:
     )
 
 
-def _view(
-    depth: NDArray[np.float32], camera: Camera, roi: Array | None, planes: Array, base: float, growth: float
-) -> tuple[View, Array, Array]:
-    """The view of a binned `depth` image, and its object points and normals in world, (P, 3) each."""
-    world = _world(camera, camera.back_project(depth))
+def pixel_categories(
+    depth: NDArray[np.float32],
+    world: NDArray[np.float32],
+    roi: Array | None,
+    planes: Array,
+    base: float = PLANE_TOLERANCE,
+    growth: float = PLANE_TOLERANCE_GROWTH,
+) -> NDArray[np.uint8]:
+    """What each pixel is to the unary potential, as `View.category`. depth : (...) metres; world : (..., 3) its points;
+    roi, planes : of the observation; base, growth : the planes' tolerance"""
     tolerance = _tolerance(depth, base, growth)
     category = np.full(depth.shape, OBJECT, dtype=np.uint8)
     if roi is not None:
@@ -219,6 +226,15 @@ def _view(
         # Behind the plane there is only noise of the plane, hence the longer reach on that side.
         category[(signed < tolerance) & (signed > -3 * tolerance)] = SUPPORT
     category[depth <= 0] = NO_DEPTH
+    return category
+
+
+def _view(
+    depth: NDArray[np.float32], camera: Camera, roi: Array | None, planes: Array, base: float, growth: float
+) -> tuple[View, Array, Array]:
+    """The view of a binned `depth` image, and its object points and normals in world, (P, 3) each."""
+    world = _world(camera, camera.back_project(depth))
+    category = pixel_categories(depth, world, roi, planes, base, growth)
     normals = surface_normals(depth, camera)
     chosen = (category == OBJECT) & (normals != 0).any(axis=-1)
     rotation = poses.to_matrix(camera.pose_world_camera)[:3, :3]

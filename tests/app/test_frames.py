@@ -10,7 +10,6 @@ import pytest
 from scipy.stats import special_ortho_group
 
 from app.palette import PART_COLOURS, rgb
-from app.pictures.particle_picture import EXPLAINED, IN_FRONT, NOT_COVERED, SEEN_THROUGH
 from app.sessions.snapshot import Snapshot
 from app.viewer.ellipsoids import ellipsoids, radius_scale
 from app.viewer.frames import BEST, frame
@@ -20,6 +19,8 @@ from app.viewer.scan_points import fits
 from app.viewer.scene_frame import Axes, Ellipsoids, Frustum, Handle, Lines, Points, SceneFrame, Surface
 from app.viewer.view_state import LAYERS, ViewState, merged
 from pmpnbp.geometry import poses
+from pmpnbp.potentials.pixel_kinds import PixelKind
+from pmpnbp.scene.observation import SUPPORT
 from tests.app.scenes import scene
 
 NAMES = ("frame", "drawer1", "drawer2", "drawer3")
@@ -229,16 +230,35 @@ def test_points_are_told_apart_by_how_the_estimate_fits_them() -> None:
     towards = poses.rotate(cloud.camera.pose_world_camera[3:], np.array([0.0, 0.0, -0.1]))
     nearer, farther = (right + np.concatenate([sign * towards, np.zeros(4)]) for sign in (1, -1))
 
-    def shares(part_poses: Any) -> dict[int, float]:
-        found = fits(cloud, made.problem.surfaces, part_poses, 0.012)
-        covered = found[found != NOT_COVERED]
-        assert 0.02 < len(covered) / len(found) < 0.6
-        return {kind: float((covered == kind).mean()) for kind in (EXPLAINED, IN_FRONT, SEEN_THROUGH)}
+    def kinds(part_poses: Any) -> Any:
+        return fits(cloud, whole.stage.categories[0], made.problem.surfaces, part_poses, 0.012)
 
-    assert shares(right)[EXPLAINED] > 0.8  # the rest are edges, and noise
+    def shares(part_poses: Any) -> dict[int, float]:
+        found = kinds(part_poses)
+        covered = found[found != PixelKind.NOT_COVERED]
+        assert 0.02 < len(covered) / len(found) < 0.6
+        return {kind: float((covered == kind).mean()) for kind in PixelKind}
+
+    assert shares(right)[PixelKind.EXPLAINED] > 0.8  # the rest are edges, and noise
     # a surface before the measured one is seen through; one behind it is hidden by it
-    assert shares(nearer)[SEEN_THROUGH] > 0.8
-    assert shares(farther)[IN_FRONT] > 0.8
+    assert shares(nearer)[PixelKind.SEEN_THROUGH] > 0.8
+    assert shares(farther)[PixelKind.IN_FRONT] > 0.8
+    # where it is sunk into the floor it is not hidden by something: the score takes that for free space violated
+    sunk = right + np.array([0.0, 0.0, -0.3, 0.0, 0.0, 0.0, 0.0])
+    floor = kinds(sunk)[(whole.stage.categories[0] == SUPPORT) & (kinds(sunk) != PixelKind.NOT_COVERED)]
+    assert len(floor) > 100 and (floor == PixelKind.SEEN_THROUGH).mean() > 0.95
+
+
+def test_the_scene_and_the_potentials_tell_points_of_the_floor_apart_alike() -> None:
+    """The scan's points are finer than the working image, by one rule."""
+    whole = scene()
+    category, view = whole.stage.categories[0], whole.snapshots[-1].problem.observation.views[0]
+    points = whole.stage.scans[0].points.astype(float)
+    seen = view.camera.project(poses.transform_points(poses.inverse(view.camera.pose_world_camera), points))
+    column, row = np.round(seen[:, :2]).astype(int).T
+    inside = (row >= 0) & (row < view.camera.height) & (column >= 0) & (column < view.camera.width)
+    same = category[inside] == view.category[row[inside], column[inside]]
+    assert np.count_nonzero(inside) > 10_000 and same.mean() > 0.97
 
 
 def test_a_scans_points_are_where_its_pixels_are() -> None:

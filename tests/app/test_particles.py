@@ -13,14 +13,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.palette import rgb
+from app.palette import KIND_COLOURS, rgb
 from app.pictures import particle_picture as pictures
 from app.schemas_particles import HeaviestParticles, Marginals, ParticleReasons
-from pmpnbp.geometry.camera import Camera
-from pmpnbp.potentials.kernels.reference import robust_scores
-from pmpnbp.potentials.unary import render_part
+from pmpnbp.potentials.pixel_kinds import PixelKind
 from pmpnbp.recording import Recording
-from pmpnbp.scene.observation import NO_DEPTH, OBJECT, OUTSIDE, SUPPORT, View
 from tests.app import small_sessions as small
 from tests.app.test_palette import VISION, lab
 
@@ -160,46 +157,6 @@ def test_what_is_not_there_is_named(client: httpx.Client, path: str) -> None:
 # The picture
 
 
-def test_the_kinds_of_pixels_are_those_of_the_score(client: httpx.Client, path: str, recording: Path) -> None:
-    """Each kind's pixels score what the picture says of them, by the score's specification."""
-    with Recording(recording) as opened:
-        problem, report = opened.problem(6), opened.report(6)
-    view = problem.observation.views[0]
-    seen = set()
-    for iteration_pose in report.belief.poses[0, :6]:
-        rendered = render_part(view.camera, problem.surfaces, 0, iteration_pose)
-        score = problem.score(report.tolerance)
-        kinds = pictures.pixel_kinds(view, rendered, score.tolerance)
-        assert np.array_equal(kinds != pictures.NOT_COVERED, rendered > 0)
-        worth = robust_scores(view.depth, view.category, rendered, score.terms.astype(float))
-        of = {kind: worth[kinds == kind] for kind in range(7)}
-        assert np.all(of[pictures.EXPLAINED] >= 0) and np.all(of[pictures.EXPLAINED] <= 1)
-        assert np.all((of[pictures.ON_SUPPORT] >= 0) & (of[pictures.ON_SUPPORT] <= score.support_reward))
-        np.testing.assert_allclose(of[pictures.SEEN_THROUGH], -score.free_space_cost)
-        np.testing.assert_allclose(of[pictures.IN_FRONT], -score.occlusion_cost)
-        assert not np.any(of[pictures.UNKNOWN]) and not np.any(of[pictures.OUTSIDE_ROI])
-        seen |= set(np.unique(kinds).tolist())
-    assert {pictures.EXPLAINED, pictures.IN_FRONT, pictures.SEEN_THROUGH} <= seen
-
-
-def test_every_kind_by_hand() -> None:
-    depth = np.array([[1.0, 1.0, 1.2, 0.8, 0.0, 0.8, 1.0, 1.0]], dtype=np.float32)
-    category = np.array([[OBJECT, SUPPORT, OBJECT, OBJECT, NO_DEPTH, SUPPORT, OUTSIDE, OBJECT]], dtype=np.uint8)
-    rendered = np.array([[1.01, 1.01, 1.0, 1.0, 1.0, 1.0, 1.01, 0.0]], dtype=np.float32)
-    view = View(Camera(8, 1, 1.0, 1.0, 0.0, 0.0), depth, category, np.zeros((1, 8, 3), dtype=np.float32))
-    expected = [
-        pictures.EXPLAINED,
-        pictures.ON_SUPPORT,
-        pictures.SEEN_THROUGH,
-        pictures.IN_FRONT,
-        pictures.UNKNOWN,
-        pictures.SEEN_THROUGH,
-        pictures.OUTSIDE_ROI,
-        pictures.NOT_COVERED,
-    ]
-    assert pictures.pixel_kinds(view, rendered, 0.02).tolist() == [expected]
-
-
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_the_picture_shows_the_kinds_in_their_colours(client: httpx.Client, path: str, theme: str) -> None:
     """In its third panel, as large a share of each as the legend's count says."""
@@ -211,10 +168,8 @@ def test_the_picture_shows_the_kinds_in_their_colours(client: httpx.Client, path
         with Image.open(io.BytesIO(answer.content)) as image:
             assert image.width == 720 and image.mode == "RGB"
             shown = np.asarray(image)[:220, 484:708].reshape(-1, 3)
-        of = {
-            kind: float(np.mean(np.all(shown == rgb(colour), axis=1))) for kind, colour in pictures.KIND_COLOURS.items()
-        }
-        shares.append(of[pictures.EXPLAINED] / sum(of.values()))
+        of = {kind: float(np.mean(np.all(shown == rgb(colour), axis=1))) for kind, colour in KIND_COLOURS.items()}
+        shares.append(of[PixelKind.EXPLAINED] / sum(of.values()))
         assert sum(of.values()) > 0.08
     assert shares[0] > shares[1]
 
@@ -229,13 +184,13 @@ def test_a_part_out_of_sight_has_a_picture_too(recording: Path) -> None:
     png = pictures.particle_picture(problem, type(report)(**{**vars(report), "belief": moved}), 1, 0, width=600)
     with Image.open(io.BytesIO(png)) as image:
         colours = {colour for _, colour in image.crop((400, 25, 600, 180)).getcolors(1 << 16) or ()}
-    assert not colours & {rgb(colour) for colour in pictures.KIND_COLOURS.values()}
+    assert not colours & {rgb(colour) for colour in KIND_COLOURS.values()}
 
 
 @pytest.mark.parametrize("vision", VISION)
 def test_kinds_can_be_told_apart(vision: str) -> None:
     """Those that speak for and against, by 20 units of L*a*b*; the three that count little, by 12 from all others."""
-    seen = {kind: lab(rgb(colour), vision) for kind, colour in pictures.KIND_COLOURS.items()}
-    loud = (pictures.EXPLAINED, pictures.IN_FRONT, pictures.SEEN_THROUGH)
+    seen = {kind: lab(rgb(colour), vision) for kind, colour in KIND_COLOURS.items()}
+    loud = (PixelKind.EXPLAINED, PixelKind.IN_FRONT, PixelKind.SEEN_THROUGH)
     assert min(np.linalg.norm(seen[one] - seen[other]) for one, other in combinations(loud, 2)) > 20
     assert min(np.linalg.norm(seen[one] - seen[other]) for one, other in combinations(seen, 2)) > 12

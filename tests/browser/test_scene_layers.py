@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Page, expect
 
-from app.palette import rgb
-from app.pictures.particle_picture import EXPLAINED, IN_FRONT, KIND_COLOURS
+from app.palette import KIND_COLOURS, rgb
 from app.viewer.frames import INK
+from pmpnbp.potentials.pixel_kinds import PixelKind
 from tests.app import small_sessions as small
 from tests.browser.conftest import PATIENCE, pixels
 from tests.browser.scene_pointer import BARE, change, differing, ground, look_from_eye, settled
@@ -115,7 +115,7 @@ def test_colours_of_scan_and_particles(small_page: Page, served: Served, session
     panel.get_by_role("button", name="explained", exact=True).click()
     wait(page, lambda: differing(by_depth, shot(page)) > 500)
     explained = settled(page)
-    for kind in (EXPLAINED, IN_FRONT):
+    for kind in (PixelKind.EXPLAINED, PixelKind.IN_FRONT):
         assert coloured(explained, rgb(KIND_COLOURS[kind])) > 20 + coloured(by_depth, rgb(KIND_COLOURS[kind])), kind
     expect(panel.get_by_text("explained by the estimate")).to_be_visible()
 

@@ -108,7 +108,7 @@ MODULES = dict(modules())
         ("pmpnbp.readout.estimate", "import viser", "no web"),
         ("pmpnbp.inference.run", "from fastapi.responses import JSONResponse", "no web"),
         ("pmpnbp.recording", "import app.cli", "no web"),
-        ("app.problems", "from app.store.landing import read_json", "floor above"),
+        ("app.problems", "from app.store.atomic_files import read_json", "floor above"),
         ("app.store.store", "from app.sessions.session import Session", "floor above"),
         ("pmpnbp.scene.meshes", "from yourdfpy import URDF", "only pmpnbp.scene.urdf"),
         ("app.cli", "import yourdfpy", "only pmpnbp.scene.urdf"),

@@ -1,14 +1,15 @@
 """What models, scans and recordings have in common over REST: uploads by form, entries that never change."""
 
-from __future__ import annotations
+# without `from __future__ import annotations`: the framework evaluates those of the routes, which name their factory's
+# variables
+from typing import Annotated, Any
 
-from typing import Any
-
-from fastapi import Request, Response
+from fastapi import APIRouter, Path, Request, Response
 from pydantic import BaseModel, Field
 
-from app.store.store import Document
-from app.uploads.uploads import etag, unchanged
+from app.problems import responses
+from app.store.store import KINDS, Document, Kind, Store
+from app.uploads.uploads import Uploads, etag, unchanged
 
 _ETAG = {"ETag": {"description": "of the entry, which never changes", "schema": {"type": "string"}}}
 
@@ -28,10 +29,79 @@ class Stored(BaseModel):
     bytes: int = Field(description="size of what is kept", examples=[4096])
 
 
-def created(model: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
-    """Documentation of the answer 201 with a `model`."""
-    location = {"Location": {"description": "path of the entry", "schema": {"type": "string"}}}
-    return {201: {"model": model, "description": "Taken in, and safe on the disk.", "headers": location | _ETAG}}
+def entry_routes(
+    kind: Kind, schema: type[Stored], upload: str, form: dict[str, Any], *, uploaded: str = "", listed: str = ""
+) -> APIRouter:
+    """The routes by which entries of a kind are uploaded, listed and read.
+
+    upload : what can be uploaded; form : as `form` makes it
+    uploaded : a word that goes before the noun where a session makes such things too; listed : what else the list is
+    """
+    noun = KINDS[kind]
+    called, path = f"{uploaded} {noun}".strip(), f"/{kind}/{{{noun}_id}}"
+    router = APIRouter(prefix="/api/v1", tags=[kind])
+
+    @router.post(
+        f"/{kind}",
+        status_code=201,
+        response_model=schema,
+        operation_id=f"create_{noun}",
+        summary=f"Upload a {noun}",
+        description=upload,
+        responses=_created(schema) | responses(408, 409, 413, 415, 507),
+        openapi_extra=form,
+    )
+    async def create(request: Request, response: Response) -> Any:
+        """Take in the parts of the form."""
+        uploads: Uploads = request.app.state.uploads
+        return await uploads.take_in(request, response, kind)
+
+    @router.get(
+        f"/{kind}",
+        response_model=list[schema],  # type: ignore[valid-type]
+        operation_id=f"list_{kind}",
+        summary=f"All {called}s",
+        description=f"Oldest first. {listed}".strip(),
+    )
+    def list_all(request: Request) -> Any:
+        """Every entry's document."""
+        return store_of(request).documents(kind)
+
+    @router.get(
+        path,
+        response_model=schema,
+        operation_id=f"get_{noun}",
+        summary=f"One {called}",
+        description="Never changes, as its ETag says: ask with If-None-Match.",
+        responses=IF_NONE_MATCH | responses(404),
+    )
+    def get(id: Annotated[str, Path(alias=f"{noun}_id")], request: Request, response: Response) -> Any:
+        """An entry's document, or 304."""
+        document = store_of(request).document(kind, id)
+        if unchanged(request, document):
+            return not_modified(document)
+        response.headers["ETag"] = etag(document)
+        return document
+
+    return router
+
+
+def add_deletion(router: APIRouter, kind: Kind) -> None:
+    """The route by which an entry that sessions may use is deleted."""
+    noun = KINDS[kind]
+
+    @router.delete(
+        f"/{kind}/{{{noun}_id}}",
+        status_code=204,
+        operation_id=f"delete_{noun}",
+        summary=f"Delete a {noun}",
+        description="Only where no session uses it.",
+        responses=responses(404, status_409="A session uses it; the detail names it."),
+    )
+    def delete(id: Annotated[str, Path(alias=f"{noun}_id")], request: Request) -> Response:
+        """Forget an entry."""
+        store_of(request).delete(kind, id)
+        return Response(status_code=204)
 
 
 def form(file: str, **fields: str) -> dict[str, Any]:
@@ -50,9 +120,18 @@ def form(file: str, **fields: str) -> dict[str, Any]:
     return {"requestBody": body, "parameters": [key]}
 
 
-def unchanged_or(request: Request, response: Response, document: Document) -> Any:
-    """`document` with its ETag, or the answer 304 where the client has it."""
-    if unchanged(request, document):
-        return Response(status_code=304, headers={"ETag": etag(document)})
-    response.headers["ETag"] = etag(document)
-    return document
+def store_of(request: Request) -> Store:
+    """The server's store."""
+    store: Store = request.app.state.store
+    return store
+
+
+def not_modified(document: Document) -> Response:
+    """The answer 304."""
+    return Response(status_code=304, headers={"ETag": etag(document)})
+
+
+def _created(model: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
+    """Documentation of the answer 201 with a `model`."""
+    location = {"Location": {"description": "path of the entry", "schema": {"type": "string"}}}
+    return {201: {"model": model, "description": "Taken in, and safe on the disk.", "headers": location | _ETAG}}

@@ -5,17 +5,15 @@ from __future__ import annotations
 from pathlib import PurePath
 from typing import Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from fastapi.responses import FileResponse
 from pydantic import Field
 
 from app.problems import responses
-from app.routes.entries import IF_NONE_MATCH, Stored, created, form, unchanged_or
+from app.routes.entries import IF_NONE_MATCH, Stored, entry_routes, form, not_modified, store_of
 from app.routes.parameters import sessions_of
-from app.store.store import Store, safe_name
-from app.uploads.uploads import Uploads, etag, unchanged
-
-router = APIRouter(prefix="/api/v1", tags=["recordings"])
+from app.store.store import safe_name
+from app.uploads.uploads import etag, unchanged
 
 MEDIA_TYPE = "application/vnd.sqlite3"
 FILE: dict[int | str, dict[str, Any]] = {
@@ -43,47 +41,14 @@ class Recording(Stored):
     notes: list[str] = Field(description="what its writer had to say")
 
 
-@router.post(
-    "/recordings",
-    status_code=201,
-    response_model=Recording,
-    operation_id="create_recording",
-    summary="Upload a recording",
-    description="The file that `pmpnbp estimate --recording` or a session's download gives.",
-    responses=created(Recording) | responses(408, 409, 413, 415, 507),
-    openapi_extra=form("the recording, one SQLite file"),
+router = entry_routes(
+    "recordings",
+    Recording,
+    "The file that `pmpnbp estimate --recording` or a session's download gives.",
+    form("the recording, one SQLite file"),
+    uploaded="uploaded",
+    listed="Those of sessions are not among them.",
 )
-async def create_recording(request: Request, response: Response) -> Any:
-    """Take in the form's part `file`."""
-    uploads: Uploads = request.app.state.uploads
-    return await uploads.take_in(request, response, "recordings")
-
-
-@router.get(
-    "/recordings",
-    response_model=list[Recording],
-    operation_id="list_recordings",
-    summary="All uploaded recordings",
-    description="Oldest first. Those of sessions are not among them.",
-)
-def list_recordings(request: Request) -> Any:
-    """Every uploaded recording's document."""
-    store: Store = request.app.state.store
-    return store.recordings()
-
-
-@router.get(
-    "/recordings/{recording_id}",
-    response_model=Recording,
-    operation_id="get_recording",
-    summary="One uploaded recording",
-    description="Never changes, as its ETag says: ask with If-None-Match.",
-    responses=IF_NONE_MATCH | responses(404),
-)
-def get_recording(recording_id: str, request: Request, response: Response) -> Any:
-    """An uploaded recording's document, or 304."""
-    store: Store = request.app.state.store
-    return unchanged_or(request, response, store.recording(recording_id))
 
 
 @router.get(
@@ -96,14 +61,12 @@ def get_recording(recording_id: str, request: Request, response: Response) -> An
 )
 def download_recording(recording_id: str, request: Request) -> Response:
     """The file of an uploaded recording."""
-    store: Store = request.app.state.store
-    document = store.recording(recording_id)
+    document = store_of(request).document("recordings", recording_id)
     if unchanged(request, document):
-        return Response(status_code=304, headers={"ETag": etag(document)})
+        return not_modified(document)
     name = PurePath(safe_name(document["file_name"])).stem + ".sqlite"
-    return FileResponse(
-        store.recording_path(recording_id), media_type=MEDIA_TYPE, filename=name, headers={"ETag": etag(document)}
-    )
+    file = store_of(request).file("recordings", recording_id)
+    return FileResponse(file, media_type=MEDIA_TYPE, filename=name, headers={"ETag": etag(document)})
 
 
 @router.delete(
@@ -115,8 +78,7 @@ def download_recording(recording_id: str, request: Request) -> Response:
 )
 def delete_recording(recording_id: str, request: Request) -> Response:
     """Forget an uploaded recording."""
-    store: Store = request.app.state.store
-    store.delete_recording(recording_id)
+    store_of(request).delete("recordings", recording_id)
     sessions_of(request).forget_recording(recording_id)
     request.app.state.views.close_session(recording_id)
     return Response(status_code=204)

@@ -21,7 +21,7 @@ from app.problems import HttpProblem, responses
 from app.routes.parameters import Iteration, Link, SessionId, check_links, read, readable, sessions_of
 from app.sessions.readable import Readable
 from app.sessions.snapshot import Snapshot
-from app.store.landing import full_disk_as_problem
+from app.store.atomic_files import full_disk_as_problem
 from app.store.store import safe_name
 from pmpnbp.geometry import poses
 from pmpnbp.readout.estimate import parts_of_links

@@ -2,17 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
 
-from app.problems import responses
-from app.routes.entries import IF_NONE_MATCH, Stored, created, form, unchanged_or
-from app.store.store import Store
-from app.uploads.uploads import Uploads
-
-router = APIRouter(prefix="/api/v1", tags=["scans"])
+from app.routes.entries import Stored, add_deletion, entry_routes, form
 
 
 class ScanCamera(BaseModel):
@@ -46,60 +38,15 @@ class Scan(Stored):
     )
 
 
-@router.post(
-    "/scans",
-    status_code=201,
-    response_model=Scan,
-    operation_id="create_scan",
-    summary="Upload a scan",
-    description="PNG (16 bit, millimetres, needs `camera`), PCD, PLY, XYZ, NPY or NPZ (metres), told by the file "
-    "name's suffix. Points are in the camera's optical frame; `world` is that frame where no pose is given.",
-    responses=created(Scan) | responses(408, 409, 413, 415, 507),
-    openapi_extra=form(
+router = entry_routes(
+    "scans",
+    Scan,
+    "PNG (16 bit, millimetres, needs `camera`), PCD, PLY, XYZ, NPY or NPZ (metres), told by the file name's suffix. "
+    "Points are in the camera's optical frame; `world` is that frame where no pose is given.",
+    form(
         "the scan; its file name has the suffix png, pcd, ply, xyz, txt, npy or npz",
         camera="text of camera.json: width, height, fx, fy, cx, cy in pixels, T_world_camera (16 numbers, row-major), "
         "frame_id, stamp in seconds",
     ),
 )
-async def create_scan(request: Request, response: Response) -> Any:
-    """Take in the form's parts `file` and `camera`."""
-    uploads: Uploads = request.app.state.uploads
-    return await uploads.take_in(request, response, "scans")
-
-
-@router.get(
-    "/scans", response_model=list[Scan], operation_id="list_scans", summary="All scans", description="Oldest first."
-)
-def list_scans(request: Request) -> Any:
-    """Every scan's document."""
-    store: Store = request.app.state.store
-    return store.scans()
-
-
-@router.get(
-    "/scans/{scan_id}",
-    response_model=Scan,
-    operation_id="get_scan",
-    summary="One scan",
-    description="Never changes, as its ETag says: ask with If-None-Match.",
-    responses=IF_NONE_MATCH | responses(404),
-)
-def get_scan(scan_id: str, request: Request, response: Response) -> Any:
-    """A scan's document, or 304."""
-    store: Store = request.app.state.store
-    return unchanged_or(request, response, store.scan(scan_id))
-
-
-@router.delete(
-    "/scans/{scan_id}",
-    status_code=204,
-    operation_id="delete_scan",
-    summary="Delete a scan",
-    description="Only where no session uses it.",
-    responses=responses(404, status_409="A session uses it; the detail names it."),
-)
-def delete_scan(scan_id: str, request: Request) -> Response:
-    """Forget a scan."""
-    store: Store = request.app.state.store
-    store.delete_scan(scan_id)
-    return Response(status_code=204)
+add_deletion(router, "scans")

@@ -10,7 +10,7 @@ from fastapi import APIRouter, Header, Request, Response
 from app.problems import responses
 from app.routes.parameters import SessionId, sessions_of
 from app.schemas import AddScanRequest, ChangeRequest, RunRequest, Session, SessionRequest, StepRequest, answer
-from app.store.remembered import call_key
+from app.store.idempotency import call_key
 from app.store.store import Store
 
 router = APIRouter(prefix="/api/v1", tags=["sessions"])
@@ -42,7 +42,7 @@ def create_session(
     path = "/api/v1/sessions"
     fingerprint = hashlib.sha256(body.model_dump_json().encode()).hexdigest()
     members = body.model_dump()
-    found, _ = store.once(
+    found, _ = store.idempotency.once(
         call_key(f"POST {path}", idempotency_key), fingerprint, lambda: sessions_of(request).create(members).status()
     )
     response.headers["Location"] = f"{path}/{found['id']}"

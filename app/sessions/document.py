@@ -56,7 +56,7 @@ def prepare(store: Store, document: Mapping[str, Any]) -> tuple[Problem, Inputs]
         raise HttpProblem(409, "the session's document is damaged and does not tell what it was given; delete it")
     check_room(store)
     return estimation.prepare(
-        store.model_path(document["model_id"]),
+        store.file("models", document["model_id"]),
         [store.load_scan(id) for id in present_scans(document)],
         document.get("roi"),
         document.get("prior"),

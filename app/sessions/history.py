@@ -14,7 +14,7 @@ from typing import Any
 
 from app.estimation import Step
 from app.problems import HttpProblem
-from app.store.landing import DISK_FULL, full_disk_as_problem
+from app.store.atomic_files import DISK_FULL, full_disk_as_problem
 from pmpnbp.errors import RecordingError
 from pmpnbp.inference import run as engine
 from pmpnbp.inference.belief import IterationReport

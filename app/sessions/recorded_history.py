@@ -17,7 +17,7 @@ from app.json_text import json_bytes
 from app.sessions.history import Row
 from app.sessions.snapshot import snapshot
 from app.sessions.trace_row import event_of, row_of
-from app.store.landing import full_disk_as_problem
+from app.store.atomic_files import full_disk_as_problem
 from pmpnbp.errors import RecordingError
 from pmpnbp.inference import run as engine
 from pmpnbp.inference.belief import IterationReport

@@ -138,7 +138,7 @@ def _model(store: Store, parsers: Parsers, staging: Staging, folder: Path) -> st
                 archive.writestr(zipfile.ZipInfo(path.relative_to(folder).as_posix()), path.read_bytes())
     else:
         shutil.copyfile(source, staged)
-    found = _known(store.models(), staged)
+    found = _known(store.documents("models"), staged)
     if found is not None:
         return found
     summary = parsers.parse("models", staged, staging.folder / "model.out", None)
@@ -151,7 +151,7 @@ def _scan(store: Store, parsers: Parsers, staging: Staging, place: Path) -> str:
     shutil.copyfile(place / "depth.png", depth)
     shutil.copyfile(place / "camera.json", camera)
     summary = parsers.parse("scans", depth, out, camera)
-    return _known(store.scans(), out) or str(store.add_scan(out, depth.name, summary)["id"])
+    return _known(store.documents("scans"), out) or str(store.add_scan(out, depth.name, summary)["id"])
 
 
 def _known(entries: list[dict[str, Any]], file: Path) -> str | None:

@@ -29,7 +29,7 @@ from app.sessions.goal import Goal, Until
 from app.sessions.history import History
 from app.sessions.past import Past
 from app.sessions.readable import Readable, no_view
-from app.sessions.slots import Slots
+from app.sessions.run_queue import RunQueue
 from app.sessions.snapshot import Snapshot, snapshot
 from app.sessions.worker import Worker
 from app.store.store import Store
@@ -52,7 +52,7 @@ class Session(Readable):
 
     kind = "session"
 
-    def __init__(self, id: str, store: Store, document: Document, slots: Slots) -> None:
+    def __init__(self, id: str, store: Store, document: Document, slots: RunQueue) -> None:
         first = int(document.get("events") or 1)
         self._store = store
         self._slots = slots

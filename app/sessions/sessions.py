@@ -15,9 +15,9 @@ from app.server_config import ServerConfig
 from app.sessions.document import Document, prepare
 from app.sessions.readable import Readable
 from app.sessions.recorded import Recorded
+from app.sessions.run_queue import RunQueue
 from app.sessions.sample import NAME, sample_document
 from app.sessions.session import Session
-from app.sessions.slots import Slots
 from app.sessions.worker import share_interpreter
 from app.store.store import Store
 
@@ -44,7 +44,7 @@ class Sessions:
     def __init__(self, store: Store, config: ServerConfig) -> None:
         self._store = store
         self._config = config
-        self._slots = Slots(config.max_running)
+        self._slots = RunQueue(config.max_running)
         share_interpreter()
         self._lock = threading.Lock()
         self._sessions: dict[str, Session] = {}
@@ -139,7 +139,7 @@ class Sessions:
         with self._lock:
             if self._sessions.pop(id, None) is None:
                 return  # another call was faster
-        self._store.delete_session(id)
+        self._store.delete("sessions", id)
 
     def close(self) -> None:
         """Pause and keep every session, and end the event streams. A second call does nothing."""
@@ -185,7 +185,7 @@ class Sessions:
             found = self._recorded.get(id)
             if found is None and not self._closed:
                 try:
-                    found = Recorded(id, self._store.recording_path(id), self._store.recording(id))
+                    found = Recorded(id, self._store.file("recordings", id), self._store.document("recordings", id))
                 except HttpProblem:
                     return None
                 self._recorded[id] = found
@@ -200,7 +200,7 @@ class Sessions:
             session = Session(id, self._store, full, self._slots)
             session.begin(problem, inputs)
         except BaseException:
-            self._store.delete_session(id)
+            self._store.delete("sessions", id)
             raise
         with self._lock:
             self._sessions[id] = session

@@ -9,8 +9,8 @@
 | `remembered/` | answers to calls that carried an `Idempotency-Key` |
 | `incoming/` | uploads and entries that are not whole yet; emptied at every start |
 
-An entry lands by one rename (`landing`), so at every instant it is there, whole, or not at all. What is in an entry but
-a session never changes.
+An entry comes to be by one rename (`atomic_files`), so at every instant it is there, whole, or not at all. What is in
+an entry but a session never changes.
 """
 
 from __future__ import annotations
@@ -22,24 +22,25 @@ import re
 import secrets
 import shutil
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from app.problems import HttpProblem
-from app.store import landing
+from app.store import atomic_files
 from app.store.disk_room import DiskRoom, folder_size
-from app.store.remembered import Remembered
+from app.store.idempotency import IdempotencyKeys
 from app.store.stored_scan import read_scan
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.scene.observation import Scan
 
 Document = dict[str, Any]
 
-KINDS = {"models": "model", "scans": "scan", "sessions": "session", "recordings": "recording"}
+Kind = Literal["models", "scans", "sessions", "recordings"]
+KINDS: Mapping[Kind, str] = {"models": "model", "scans": "scan", "sessions": "session", "recordings": "recording"}
 _ID = re.compile(r"[0-9a-f]{16}")
 
 
@@ -86,14 +87,14 @@ class Store:
             else:
                 left.unlink(missing_ok=True)
         self._room = DiskRoom(root / "sessions", max_bytes)
-        self._documents: dict[str, dict[str, Document | None]] = {}
+        self._documents: dict[Kind, dict[str, Document | None]] = {}
         for kind, noun in KINDS.items():
             places = [place for place in (root / kind).iterdir() if _ID.fullmatch(place.name) and place.is_dir()]
-            found = {place.name: landing.read_json(place / f"{noun}.json") for place in places}
+            found = {place.name: atomic_files.read_json(place / f"{noun}.json") for place in places}
             self._documents[kind] = dict(sorted(found.items(), key=lambda entry: _created(entry[1])))
             if kind != "sessions":
                 self._room.entry(sum(folder_size(place) for place in places))
-        self._remembered = Remembered(root / "remembered", self._incoming)
+        self.idempotency = IdempotencyKeys(root / "remembered", self._incoming)
 
     def close(self) -> None:
         """Let another process have the directory."""
@@ -107,7 +108,7 @@ class Store:
     def staging(self) -> Iterator[Staging]:
         """A folder for an upload, removed at the end with whatever is still in it."""
         folder = self._incoming / f"{_new_id()}.upload"
-        with landing.full_disk_as_problem():
+        with atomic_files.full_disk_as_problem():
             folder.mkdir()
         staging = Staging(folder, self._room)
         try:
@@ -116,7 +117,7 @@ class Store:
             shutil.rmtree(folder, ignore_errors=True)
             self._room.release(staging.claimed)
 
-    # Models
+    # Models, scans and recordings
 
     def add_model(self, staged: Path, file_name: str, summary: Mapping[str, Any]) -> Document:
         """Take in the URDF or zip `staged` (moved away), called `file_name` by its sender; the entry's document."""
@@ -126,43 +127,17 @@ class Store:
         stem = Path(safe_name(file_name)).stem
         return self._add("models", {f"{stem}{suffix}": staged}, {**summary, "file_name": file_name})
 
-    def models(self) -> list[Document]:
-        """Every model's document, oldest first."""
-        return self._all("models")
-
-    def model(self, id: str) -> Document:
-        """A model's document: `id`, `name`, `links`, `joints`, `parts`, `created`, `sha256`. HttpProblem 404."""
-        return self._get("models", id)
-
-    def model_path(self, id: str) -> Path:
-        """The URDF or zip, to read only. HttpProblem 404."""
-        return self._file("models", id)
-
-    def delete_model(self, id: str) -> None:
-        """Forget a model. HttpProblem 404, and 409 where a session uses it."""
-        self._delete("models", id)
-
-    # Scans
-
     def add_scan(self, staged: Path, file_name: str, summary: Mapping[str, Any]) -> Document:
         """Take in the scan that `stored_scan.write_scan` wrote to `staged` (moved away); the entry's document."""
         return self._add("scans", {"scan.npz": staged}, {**summary, "file_name": file_name})
 
-    def scans(self) -> list[Document]:
-        """Every scan's document, oldest first."""
-        return self._all("scans")
-
-    def scan(self, id: str) -> Document:
-        """A scan's document: `id`, `points`, `valid_fraction`, `camera`, `bounds`, `created`, `sha256`. 404."""
-        return self._get("scans", id)
-
     def load_scan(self, id: str) -> Scan:
         """The scan, bit for bit as the library read it from the upload. HttpProblem 404."""
-        return read_scan(self._file("scans", id))
+        return read_scan(self.file("scans", id))
 
-    def delete_scan(self, id: str) -> None:
-        """Forget a scan. HttpProblem 404, and 409 where a session uses it."""
-        self._delete("scans", id)
+    def add_recording(self, staged: Path, file_name: str, summary: Mapping[str, Any]) -> Document:
+        """Take in the recording `staged` (moved away); the entry's document."""
+        return self._add("recordings", {"recording.sqlite": staged}, {**summary, "file_name": file_name})
 
     # Sessions
 
@@ -175,7 +150,7 @@ class Store:
             self._check_uses(document)
             id = _new_id()
             full = {**copy.deepcopy(dict(document)), "id": id, "created": document.get("created") or _now()}
-            landing.land(self._partial(), self.root / "sessions" / id, {}, "session.json", full)
+            atomic_files.create_folder(self._partial(), self.root / "sessions" / id, {}, "session.json", full)
             self._documents["sessions"][id] = full
             return id
 
@@ -184,7 +159,7 @@ class Store:
         with self._lock:
             place = self.session_folder(id) / "session.json"
             self._check_uses(document)
-            landing.replace_json(self._partial(), place, document)
+            atomic_files.replace_json(self._partial(), place, document)
             self._documents["sessions"][id] = copy.deepcopy(dict(document))
 
     def sessions(self) -> list[tuple[str, Document | None]]:
@@ -198,54 +173,45 @@ class Store:
             self._check_known("sessions", id)
             return self.root / "sessions" / id
 
-    def delete_session(self, id: str) -> None:
-        """Forget a session and its recording, which nobody may have open for writing. HttpProblem 404."""
-        self._delete("sessions", id)
-
-    # Recordings
-
-    def add_recording(self, staged: Path, file_name: str, summary: Mapping[str, Any]) -> Document:
-        """Take in the recording `staged` (moved away); the entry's document."""
-        return self._add("recordings", {"recording.sqlite": staged}, {**summary, "file_name": file_name})
-
-    def recordings(self) -> list[Document]:
-        """Every uploaded recording's document, oldest first."""
-        return self._all("recordings")
-
-    def recording(self, id: str) -> Document:
-        """An uploaded recording's document. HttpProblem 404."""
-        return self._get("recordings", id)
-
-    def recording_path(self, id: str) -> Path:
-        """The SQLite file of an uploaded recording, to read only. HttpProblem 404."""
-        return self._file("recordings", id)
-
-    def delete_recording(self, id: str) -> None:
-        """Forget an uploaded recording. HttpProblem 404."""
-        self._delete("recordings", id)
-
-    # Answers to repeated calls
-
-    def remember(self, key: str, fingerprint: str, response: Document) -> None:
-        """Keep `response` for a day as the answer to the call with this Idempotency-Key."""
-        self._remembered.remember(key, fingerprint, response)
-
-    def remembered(self, key: str) -> tuple[str, Document] | None:
-        """Fingerprint and answer of the call with this Idempotency-Key, or None."""
-        return self._remembered.remembered(key)
-
-    def once(self, key: str | None, fingerprint: str, make: Callable[[], Document]) -> tuple[Document, bool]:
-        """What `make` returns, or what it returned to the same call before; and whether it was before.
-
-        key : from `remembered.call_key`; None makes every time
-
-        HttpProblem 422 where the key came with other content before, 409 while that call is at work.
-        """
-        return self._remembered.once(key, fingerprint, make)
-
     # All kinds alike
 
-    def _add(self, kind: str, files: Mapping[str, Path], members: Mapping[str, Any]) -> Document:
+    def documents(self, kind: Kind) -> list[Document]:
+        """Every entry's document, oldest first."""
+        with self._lock:
+            return [dict(found) for found in self._documents[kind].values() if found is not None]
+
+    def document(self, kind: Kind, id: str) -> Document:
+        """An entry's document: `id`, `created`, and what its kind has. HttpProblem 404."""
+        with self._lock:
+            self._check_known(kind, id)
+            found = self._documents[kind][id]
+        if found is None:
+            raise HttpProblem(404, f"{KINDS[kind]} '{id}' is damaged: its {KINDS[kind]}.json cannot be read")
+        return dict(found)
+
+    def file(self, kind: Kind, id: str) -> Path:
+        """An entry's file, to read only. HttpProblem 404."""
+        return self.root / kind / id / str(self.document(kind, id)["file"])
+
+    def delete(self, kind: Kind, id: str) -> None:
+        """Forget an entry; nobody may have a session's recording open for writing. HttpProblem 404, and 409 where a
+        session uses it."""
+        with self._lock:
+            self._check_known(kind, id)
+            users = [session for session, found in self._documents["sessions"].items() if id in _uses(found, kind)]
+            if users:
+                more = f" and {len(users) - 1} more" if len(users) > 1 else ""
+                raise HttpProblem(409, f"{KINDS[kind]} '{id}' is used by session '{users[0]}'{more}; delete it first")
+            place = self.root / kind / id
+            size = folder_size(place)
+            atomic_files.remove_folder(self._partial(), place)
+            del self._documents[kind][id]
+            if kind == "sessions":
+                self._room.sessions_changed()
+            else:
+                self._room.entry(-size)
+
+    def _add(self, kind: Kind, files: Mapping[str, Path], members: Mapping[str, Any]) -> Document:
         id, noun = _new_id(), KINDS[kind]
         ((name, staged),) = files.items()
         document = {
@@ -257,51 +223,21 @@ class Store:
             "file": name,
         }
         partial = self._partial()
-        size = landing.land(partial, self.root / kind / id, files, f"{noun}.json", document)
+        size = atomic_files.create_folder(partial, self.root / kind / id, files, f"{noun}.json", document)
         with self._lock:
             self._documents[kind][id] = document
             self._room.entry(size)
         return dict(document)
 
-    def _all(self, kind: str) -> list[Document]:
-        with self._lock:
-            return [dict(found) for found in self._documents[kind].values() if found is not None]
-
-    def _get(self, kind: str, id: str) -> Document:
-        with self._lock:
-            self._check_known(kind, id)
-            found = self._documents[kind][id]
-        if found is None:
-            raise HttpProblem(404, f"{KINDS[kind]} '{id}' is damaged: its {KINDS[kind]}.json cannot be read")
-        return dict(found)
-
-    def _file(self, kind: str, id: str) -> Path:
-        return self.root / kind / id / str(self._get(kind, id)["file"])
-
-    def _delete(self, kind: str, id: str) -> None:
-        with self._lock:
-            self._check_known(kind, id)
-            users = [session for session, found in self._documents["sessions"].items() if id in _uses(found, kind)]
-            if users:
-                more = f" and {len(users) - 1} more" if len(users) > 1 else ""
-                raise HttpProblem(409, f"{KINDS[kind]} '{id}' is used by session '{users[0]}'{more}; delete it first")
-            place = self.root / kind / id
-            size = folder_size(place)
-            landing.remove(self._partial(), place)
-            del self._documents[kind][id]
-            if kind == "sessions":
-                self._room.sessions_changed()
-            else:
-                self._room.entry(-size)
-
-    def _check_known(self, kind: str, id: str) -> None:
+    def _check_known(self, kind: Kind, id: str) -> None:
         known = self._documents[kind]
         if id not in known:
             there = f"there is 1 {KINDS[kind]}" if len(known) == 1 else f"there are {len(known)} {kind}"
             raise HttpProblem(404, f"{KINDS[kind]} '{id:.40}' is not here; {there}")
 
     def _check_uses(self, document: Mapping[str, Any]) -> None:
-        for kind in ("models", "scans"):
+        kinds: tuple[Kind, ...] = ("models", "scans")
+        for kind in kinds:
             for id in _uses(document, kind):
                 self._check_known(kind, id)
 
@@ -318,7 +254,7 @@ def safe_name(name: str) -> str:
     return f"{cleaned}.{kept}" if kept else cleaned
 
 
-def _uses(document: Mapping[str, Any] | None, kind: str) -> set[str]:
+def _uses(document: Mapping[str, Any] | None, kind: Kind) -> set[str]:
     """Ids of the models or scans that a session's document names."""
     if document is None or kind not in ("models", "scans"):
         return set()

@@ -16,7 +16,7 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 from starlette.requests import ClientDisconnect
 
 from app.problems import HttpProblem
-from app.store.landing import full_disk_as_problem
+from app.store.atomic_files import full_disk_as_problem
 from app.store.store import Staging, safe_name
 
 # Written at once; bounds what an upload takes of the server's memory.

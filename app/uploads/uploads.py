@@ -12,7 +12,7 @@ from fastapi import Request, Response
 
 from app.problems import HttpProblem
 from app.server_config import ServerConfig
-from app.store.remembered import call_key
+from app.store.idempotency import call_key
 from app.store.store import Document, Staging, Store
 from app.uploads.multipart import Upload, receive
 from app.uploads.parsers import Parsers
@@ -55,7 +55,7 @@ class Uploads:
             async with self._slot():
                 # waited for even where the client goes away: `staging` has to outlive it
                 document, _ = await anyio.to_thread.run_sync(
-                    self._store.once, key, fingerprint, lambda: self._read(kind, upload, staging)
+                    self._store.idempotency.once, key, fingerprint, lambda: self._read(kind, upload, staging)
                 )
         response.headers["Location"] = f"{path}/{document['id']}"
         response.headers["ETag"] = etag(document)

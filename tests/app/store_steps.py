@@ -34,11 +34,11 @@ def main(folder: Path) -> None:
     actions: dict[str, Callable[[Store], object]] = {
         "add_model": _add_model,
         "add_scan": _add_scan,
-        "delete_scan": lambda store: store.delete_scan(first["free"]),
+        "delete_scan": lambda store: store.delete("scans", first["free"]),
         "create_session": lambda store: store.create_session({"scan_ids": [first["used"]], "name": "new"}),
         "write_session": lambda store: store.write_session(first["session"], {"id": first["session"], "name": "new"}),
-        "delete_session": lambda store: store.delete_session(first["session"]),
-        "remember": lambda store: store.remember("a key", "other", {"answer": "new"}),
+        "delete_session": lambda store: store.delete("sessions", first["session"]),
+        "remember": lambda store: store.idempotency.remember("a key", "other", {"answer": "new"}),
     }
     for name, action in actions.items():
         step, wrong = 0, []
@@ -69,7 +69,7 @@ def _base(root: Path) -> dict[str, str]:
     _add_model(store)
     session = store.create_session({"scan_ids": [used], "name": "old"})
     (store.session_folder(session) / "recording.sqlite").write_bytes(b"x" * 5000)
-    store.remember("a key", "print", {"answer": "old"})
+    store.idempotency.remember("a key", "print", {"answer": "old"})
     store.close()
     return {"used": used, "free": free, "session": session}
 
@@ -116,8 +116,8 @@ def _seen(root: Path) -> dict[str, object]:
     """What the next start finds."""
     store = Store(root, MAX_BYTES)
     try:
-        seen: dict[str, object] = {kind: getattr(store, kind)() for kind in ("models", "scans", "recordings")}
-        return seen | {"sessions": dict(store.sessions()), "key": store.remembered("a key")}
+        seen: dict[str, object] = {kind: store.documents(kind) for kind in ("models", "scans", "recordings")}
+        return seen | {"sessions": dict(store.sessions()), "key": store.idempotency.remembered("a key")}
     finally:
         store.close()
 
@@ -134,19 +134,19 @@ def _shape(seen: dict[str, object] | None) -> object:
 def _damage(root: Path) -> list[str]:
     wrong = []
     store = Store(root, MAX_BYTES)
-    for scan in store.scans():
+    for scan in store.documents("scans"):
         if not np.array_equal(store.load_scan(scan["id"]).depth, SCAN.depth):
             wrong.append("a scan is damaged")
-    for model in store.models():
-        if store.model_path(model["id"]).read_text() != "<robot/>":
+    for model in store.documents("models"):
+        if store.file("models", model["id"]).read_text() != "<robot/>":
             wrong.append("a model is damaged")
     if any(document is None for _, document in store.sessions()):
         wrong.append("a session is damaged")
     if any((root / "incoming").iterdir()):
         wrong.append("incoming/ is not empty")
     for kind in KINDS:
-        entries = getattr(store, kind)()
-        listed = {entry[0] if kind == "sessions" else entry["id"] for entry in entries}
+        entries = store.documents(kind)
+        listed = {entry["id"] for entry in entries}
         if {place.name for place in (root / kind).iterdir()} != listed:
             wrong.append(f"{kind}/ holds a folder that is not listed")
     if store.used_bytes() != sum(folder_size(root / kind) for kind in KINDS):

@@ -313,7 +313,7 @@ def test_a_file_that_has_gone_bad_says_so(serve: Callable[..., Any], content: by
     served = serve()
     path = upload(served.client, content)
     id = path.rpartition("/")[2]
-    file = served.app.state.store.recording_path(id)
+    file = served.app.state.store.file("recordings", id)
     file.write_bytes(b"nothing of what was there" * 100)
     found = served.client.get(path)
     Session.model_validate_json(found.content)

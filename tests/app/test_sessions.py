@@ -13,8 +13,8 @@ import httpx
 import pytest
 
 from app import estimation
+from app.sessions.run_queue import RunQueue
 from app.sessions.sessions import Sessions
-from app.sessions.slots import Slots
 from tests.app import small_sessions as small
 
 
@@ -375,7 +375,7 @@ def test_the_sample_session_is_made_once_and_runs(serve: Callable[..., Any]) -> 
 
 
 def test_slots_are_taken_in_the_order_of_asking() -> None:
-    slots = Slots(1)
+    slots = RunQueue(1)
     a, b, c = object(), object(), object()
     assert slots.take(a) and not slots.take(b) and not slots.take(c)
     assert slots.take(a)  # has it already
@@ -391,7 +391,7 @@ def test_slots_are_taken_in_the_order_of_asking() -> None:
 
 
 def test_a_nudge_before_the_wait_is_not_lost() -> None:
-    slots = Slots(1)
+    slots = RunQueue(1)
     holder, waiting = object(), object()
     assert slots.take(holder) and not slots.take(waiting)
     slots.nudge(waiting)

@@ -16,7 +16,7 @@ import pytest
 
 from app.problems import HttpProblem
 from app.store.disk_room import folder_size
-from app.store.store import Store, StoreError, safe_name
+from app.store.store import Kind, Store, StoreError, safe_name
 from app.store.stored_scan import read_scan, write_scan
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.scene.observation import Scan
@@ -78,13 +78,18 @@ def test_what_was_added_is_there_after_a_restart(store: Store) -> None:
     model, scan, recording = add_model(store), add_scan(store), add_recording(store)
     session = store.create_session({"model_id": model, "scan_ids": [scan], "changes": []})
     store.write_session(session, {"id": session, "model_id": model, "scan_ids": [scan], "name": "two"})
-    before = store.models(), store.scans(), store.recordings(), store.sessions()
+    before = store.documents("models"), store.documents("scans"), store.documents("recordings"), store.sessions()
     store = reopened(store)
-    assert (store.models(), store.scans(), store.recordings(), store.sessions()) == before
-    assert store.model(model) == store.models()[0]
-    assert store.model(model)["links"] == ["é"]
-    assert store.model_path(model).read_bytes() == b"<robot/>"
-    assert store.recording_path(recording).read_bytes() == b"SQLite"
+    assert (
+        store.documents("models"),
+        store.documents("scans"),
+        store.documents("recordings"),
+        store.sessions(),
+    ) == before
+    assert store.document("models", model) == store.documents("models")[0]
+    assert store.document("models", model)["links"] == ["é"]
+    assert store.file("models", model).read_bytes() == b"<robot/>"
+    assert store.file("recordings", recording).read_bytes() == b"SQLite"
     assert same(store.load_scan(scan), SCAN)
     assert store.session_folder(session).is_dir()
     assert dict(store.sessions())[session] == {
@@ -174,7 +179,7 @@ def test_an_entry_is_forced_to_the_disk_before_it_is_there(store: Store, monkeyp
 def test_a_full_disk_is_said_and_changes_nothing(call: str, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     kept = add_scan(store)
     session = store.create_session({"name": "old"})
-    before = store.models(), store.scans(), store.sessions(), store.used_bytes()
+    before = store.documents("models"), store.documents("scans"), store.sessions(), store.used_bytes()
 
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -192,9 +197,9 @@ def test_a_full_disk_is_said_and_changes_nothing(call: str, store: Store, monkey
             if call != "replace":  # which moves no file of a session
                 with pytest.raises(HttpProblem, match="is full"):
                     store.create_session({"name": "new"})
-    assert (store.models(), store.scans(), store.sessions(), store.used_bytes()) == before
+    assert (store.documents("models"), store.documents("scans"), store.sessions(), store.used_bytes()) == before
     store = reopened(store)
-    assert [scan["id"] for scan in store.scans()] == [kept]
+    assert [scan["id"] for scan in store.documents("scans")] == [kept]
     assert dict(store.sessions())[session] is not None
     assert dict(store.sessions())[session]["name"] == "old"  # type: ignore[index]
     store.close()
@@ -215,25 +220,25 @@ def test_the_limit_on_disk_counts_entries_sessions_and_uploads(store: Store) -> 
             other.claim(1)
         assert caught.value.status == 507
     assert store.used_bytes() == held
-    store.delete_scan(scan)
+    store.delete("scans", scan)
     assert store.used_bytes() == folder_size(store.root / "sessions")
-    store.delete_session(session)
+    store.delete("sessions", session)
     assert store.used_bytes() == 0
     store.close()
 
 
 def test_what_is_not_here_is_said(store: Store) -> None:
     add_model(store)
-    for call in (store.model, store.model_path, store.delete_model):
+    for call in (store.document, store.file, store.delete):
         with pytest.raises(HttpProblem, match=r"^model 'x' is not here; there is 1 model$") as caught:
-            call("x")
+            call("models", "x")
         assert caught.value.status == 404
     with pytest.raises(HttpProblem, match=r"^scan '\.\./models' is not here; there are 0 scans$"):
         store.load_scan("../models")
     with pytest.raises(HttpProblem, match="session 'y' is not here; there are 0 sessions"):
         store.session_folder("y")
     with pytest.raises(HttpProblem, match="recording 'z' is not here"):
-        store.recording_path("z")
+        store.file("recordings", "z")
     with pytest.raises(HttpProblem, match="scan 'gone' is not here"):
         store.create_session({"scan_ids": ["gone"]})
     assert store.sessions() == []
@@ -246,15 +251,21 @@ def test_what_a_session_uses_cannot_be_deleted(store: Store) -> None:
         session, {"model_id": model, "scan_ids": [first], "changes": [{"after_iteration": 3, "scan_id": second}]}
     )
     store = reopened(store)
-    for delete, id in ((store.delete_model, model), (store.delete_scan, first), (store.delete_scan, second)):
+    used: list[tuple[Kind, str]] = [("models", model), ("scans", first), ("scans", second)]
+    for kind, id in used:
         with pytest.raises(HttpProblem, match=f"is used by session '{session}'; delete it first") as caught:
-            delete(id)
+            store.delete(kind, id)
         assert caught.value.status == 409
-    store.delete_session(session)
-    store.delete_model(model)
-    store.delete_scan(first)
-    store.delete_scan(second)
-    assert (store.models(), store.scans(), store.sessions(), store.used_bytes()) == ([], [], [], 0)
+    store.delete("sessions", session)
+    store.delete("models", model)
+    store.delete("scans", first)
+    store.delete("scans", second)
+    assert (store.documents("models"), store.documents("scans"), store.sessions(), store.used_bytes()) == (
+        [],
+        [],
+        [],
+        0,
+    )
     store.close()
 
 
@@ -264,12 +275,12 @@ def test_a_damaged_entry_does_not_stop_the_start(store: Store) -> None:
     (store.root / "sessions" / session / "session.json").write_bytes(b"\xff\0")
     (store.root / "sessions" / "not an entry").mkdir()
     store = reopened(store)
-    assert store.scans() == []
+    assert store.documents("scans") == []
     with pytest.raises(HttpProblem, match="is damaged"):
-        store.scan(scan)
+        store.document("scans", scan)
     assert {id: found is None for id, found in store.sessions()} == {session: True, whole: False}
-    store.delete_session(session)
-    store.delete_scan(scan)
+    store.delete("sessions", session)
+    store.delete("scans", scan)
     assert [id for id, _ in store.sessions()] == [whole]
     store.close()
 
@@ -302,16 +313,16 @@ def test_many_threads_at_once(store: Store) -> None:
         id = add_scan(store)
         assert same(store.load_scan(id), SCAN)
         if number % 2:
-            store.delete_scan(id)
+            store.delete("scans", id)
         return id
 
     with ThreadPoolExecutor(8) as threads:
         ids = list(threads.map(life, range(60)))
-    assert {scan["id"] for scan in store.scans()} == set(ids[::2])
+    assert {scan["id"] for scan in store.documents("scans")} == set(ids[::2])
     held = store.used_bytes()
     assert held == folder_size(store.root / "scans")
     store = reopened(store)
-    assert {scan["id"] for scan in store.scans()} == set(ids[::2])
+    assert {scan["id"] for scan in store.documents("scans")} == set(ids[::2])
     store.close()
 
 
@@ -324,9 +335,9 @@ def test_documents_are_the_callers_own(store: Store) -> None:
 
 
 def test_a_zip_keeps_its_name_for_models_that_have_none(store: Store) -> None:
-    assert store.model_path(add_model(store, b"PK\x03\x04", "kitchen.zip")).name == "kitchen.zip"
-    assert store.model_path(add_model(store, b"<robot/>", "kitchen.xml")).name == "kitchen.urdf"
-    assert store.model_path(add_model(store, b"<robot/>", "")).name == "upload.urdf"
+    assert store.file("models", add_model(store, b"PK\x03\x04", "kitchen.zip")).name == "kitchen.zip"
+    assert store.file("models", add_model(store, b"<robot/>", "kitchen.xml")).name == "kitchen.urdf"
+    assert store.file("models", add_model(store, b"<robot/>", "")).name == "upload.urdf"
 
 
 @pytest.mark.parametrize(

@@ -76,8 +76,8 @@ def served(one_server: Any) -> Any:
     """The server with nothing in its store."""
     store = one_server.app.state.store
     for kind in ("models", "scans", "recordings"):
-        for document in getattr(store, kind)():
-            getattr(store, f"delete_{kind[:-1]}")(document["id"])
+        for document in store.documents(kind):
+            store.delete(kind, document["id"])
     return one_server
 
 

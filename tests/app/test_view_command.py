@@ -163,10 +163,10 @@ def test_what_is_still_in_the_log_is_seen(recording: Path, tmp_path: Path) -> No
     store = Store(tmp_path / "data", 1 << 30)
     try:
         id = take_in(copy, store, ServerConfig(data_dir=tmp_path / "data"))
-        assert store.recording(id)["last_iteration"] == newest - 1
+        assert store.document("recordings", id)["last_iteration"] == newest - 1
         with pytest.raises(RecordingError, match=r"'README\.md' is not a recording"):
             take_in(PROJECT / "README.md", store, ServerConfig(data_dir=tmp_path / "data"))
-        assert len(store.recordings()) == 1
+        assert len(store.documents("recordings")) == 1
     finally:
         store.close()
         writer.close()

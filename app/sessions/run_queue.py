@@ -6,8 +6,8 @@ import threading
 from collections import deque
 
 
-class Slots:
-    """`count` slots and the queue before them. Owners are compared by identity. Thread-safe."""
+class RunQueue:
+    """Lets `count` owners run at once; the others queue. Owners are compared by identity. Thread-safe."""
 
     def __init__(self, count: int) -> None:
         self._count = count

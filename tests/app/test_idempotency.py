@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from app.problems import HttpProblem
-from app.store import landing
-from app.store.remembered import KEEP_SECONDS, Remembered, call_key
+from app.store import atomic_files
+from app.store.idempotency import KEEP_SECONDS, IdempotencyKeys, call_key
 from app.store.store import Store
 
 ROOM = 1 << 24
@@ -36,15 +36,15 @@ def test_a_call_made_twice_is_done_once(store: Store) -> None:
         made.append(1)
         return {"id": len(made)}
 
-    assert store.once("k", "print", make) == ({"id": 1}, False)
-    assert store.once("k", "print", make) == ({"id": 1}, True)
+    assert store.idempotency.once("k", "print", make) == ({"id": 1}, False)
+    assert store.idempotency.once("k", "print", make) == ({"id": 1}, True)
     store = reopened(store)
-    assert store.once("k", "print", make) == ({"id": 1}, True)
+    assert store.idempotency.once("k", "print", make) == ({"id": 1}, True)
     with pytest.raises(HttpProblem, match="was used for a call with other content") as caught:
-        store.once("k", "other", make)
+        store.idempotency.once("k", "other", make)
     assert caught.value.status == 422
-    assert store.once("other k", "other", make) == ({"id": 2}, False)
-    assert store.once(None, "print", make) == ({"id": 3}, False)
+    assert store.idempotency.once("other k", "other", make) == ({"id": 2}, False)
+    assert store.idempotency.once(None, "print", make) == ({"id": 3}, False)
     store.close()
 
 
@@ -53,8 +53,8 @@ def test_a_call_that_failed_may_be_made_again(store: Store) -> None:
         raise HttpProblem(422, "no")
 
     with pytest.raises(HttpProblem, match="no"):
-        store.once("k", "print", fail)
-    assert store.once("k", "print", lambda: {"id": 1}) == ({"id": 1}, False)
+        store.idempotency.once("k", "print", fail)
+    assert store.idempotency.once("k", "print", lambda: {"id": 1}) == ({"id": 1}, False)
 
 
 def test_the_same_call_at_the_same_time_has_to_wait(store: Store) -> None:
@@ -65,15 +65,15 @@ def test_the_same_call_at_the_same_time_has_to_wait(store: Store) -> None:
         go_on.wait()
         return {"id": 1}
 
-    first = threading.Thread(target=store.once, args=("k", "print", slow))
+    first = threading.Thread(target=store.idempotency.once, args=("k", "print", slow))
     first.start()
     begun.wait()
     with pytest.raises(HttpProblem, match="still at work") as caught:
-        store.once("k", "print", slow)
+        store.idempotency.once("k", "print", slow)
     assert caught.value.status == 409
     go_on.set()
     first.join()
-    assert store.once("k", "print", slow) == ({"id": 1}, True)
+    assert store.idempotency.once("k", "print", slow) == ({"id": 1}, True)
 
 
 def test_what_was_made_is_answered_even_where_it_cannot_be_remembered(
@@ -82,15 +82,15 @@ def test_what_was_made_is_answered_even_where_it_cannot_be_remembered(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "full")
 
-    monkeypatch.setattr(landing, "write_json", full)
-    assert store.once("k", "print", lambda: {"id": 1}) == ({"id": 1}, False)
+    monkeypatch.setattr(atomic_files, "write_json", full)
+    assert store.idempotency.once("k", "print", lambda: {"id": 1}) == ({"id": 1}, False)
     assert "could not be kept" in caplog.text
 
 
 def test_answers_are_forgotten_after_a_day_and_beyond_a_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now = [1000.0]
     (tmp_path / "incoming").mkdir()
-    kept = Remembered(tmp_path / "remembered", tmp_path / "incoming", lambda: now[0])
+    kept = IdempotencyKeys(tmp_path / "remembered", tmp_path / "incoming", lambda: now[0])
     kept.remember("old", "print", {"id": 1})
     now[0] += KEEP_SECONDS - 1
     kept.remember("new", "print", {"id": 2})
@@ -99,7 +99,7 @@ def test_answers_are_forgotten_after_a_day_and_beyond_a_number(tmp_path: Path, m
     assert kept.remembered("old") is None
     assert kept.remembered("new") == ("print", {"id": 2})
     assert len(list((tmp_path / "remembered").iterdir())) == 1
-    monkeypatch.setattr("app.store.remembered.MOST", 3)
+    monkeypatch.setattr("app.store.idempotency.MOST", 3)
     for number in range(5):
         kept.remember(f"key {number}", "print", {"id": number})
     assert [kept.remembered(f"key {number}") is not None for number in range(5)] == [False, False, True, True, True]

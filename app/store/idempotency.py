@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from app.problems import HttpProblem
-from app.store.landing import read_json, replace_json
+from app.store.atomic_files import read_json, replace_json
 
 KEEP_SECONDS = 24 * 3600.0
 MOST = 10_000
@@ -21,7 +21,7 @@ LONGEST_KEY = 255
 _log = logging.getLogger("pmpnbp.server")
 
 
-class Remembered:
+class IdempotencyKeys:
     """Answers by key, a file each. Thread-safe."""
 
     def __init__(self, folder: Path, incoming: Path, now: Callable[[], float] = time.time) -> None:

@@ -31,7 +31,9 @@ def full_disk_as_problem() -> Iterator[None]:
         raise
 
 
-def land(partial: Path, place: Path, files: Mapping[str, Path], document_name: str, document: Mapping[str, Any]) -> int:
+def create_folder(
+    partial: Path, place: Path, files: Mapping[str, Path], document_name: str, document: Mapping[str, Any]
+) -> int:
     """Make the folder `place` of `files` (name in it: file to move there) and `document` as JSON; its size in bytes.
 
     partial : a folder that does not exist, on the same file system; gone afterwards, also after an error
@@ -41,12 +43,12 @@ def land(partial: Path, place: Path, files: Mapping[str, Path], document_name: s
             partial.mkdir()
             for name, source in files.items():
                 os.replace(source, partial / name)
-                force(partial / name)
+                sync(partial / name)
             write_json(partial / document_name, document)
-            force(partial)
+            sync(partial)
             size = sum(path.stat().st_size for path in partial.iterdir())
             os.rename(partial, place)
-            force(place.parent)
+            sync(place.parent)
             return size
     finally:
         shutil.rmtree(partial, ignore_errors=True)
@@ -59,20 +61,20 @@ def replace_json(partial: Path, place: Path, document: Mapping[str, Any]) -> Non
         with full_disk_as_problem():
             write_json(partial, document)
             os.replace(partial, place)
-            force(place.parent)
+            sync(place.parent)
     finally:
         partial.unlink(missing_ok=True)
 
 
-def remove(partial: Path, place: Path) -> None:
+def remove_folder(partial: Path, place: Path) -> None:
     """Take the folder `place` away in one step, by way of the name `partial`."""
     os.rename(place, partial)
-    force(place.parent)
+    sync(place.parent)
     shutil.rmtree(partial, ignore_errors=True)
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Write and force `document` to the disk."""
+    """Write and sync `document` to the disk."""
     with path.open("w", encoding="utf-8") as file:
         json.dump(document, file, ensure_ascii=True, allow_nan=False, indent=1)
         file.flush()
@@ -88,7 +90,7 @@ def read_json(path: Path) -> dict[str, Any] | None:
     return found if isinstance(found, dict) else None
 
 
-def force(path: Path) -> None:
+def sync(path: Path) -> None:
     """Wait until a file's bytes, or a folder's entries, are on the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:

@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from app.json_text import json_bytes
 from pmpnbp.geometry.poses import Array
+from pmpnbp.json_text import json_bytes
 
 Format = Literal["json", "npz", "ply"]
 MEDIA_TYPES: Mapping[Format, str] = {

@@ -19,7 +19,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from pmpnbp.errors import PmpnbpError
+from pmpnbp.errors import DamageError, DiskFullError, IterationError, PmpnbpError
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -42,6 +42,9 @@ MEANINGS: Mapping[int, str] = {
     503: "Not ready yet.",
     507: "The data directory is full; nothing was changed.",
 }
+
+# Errors of the library that are not the caller's input, which all others are: 422.
+_STATUSES: Mapping[type[PmpnbpError], int] = {IterationError: 404, DamageError: 409, DiskFullError: 507}
 
 
 class Problem(BaseModel):
@@ -131,7 +134,8 @@ def _of_problem(request: Request, error: Exception) -> Response:
 
 
 def _of_bad_input(request: Request, error: Exception) -> Response:
-    return problem_response(HttpProblem(422, str(error)))
+    status = next((status for kind, status in _STATUSES.items() if isinstance(error, kind)), 422)
+    return problem_response(HttpProblem(status, str(error)))
 
 
 def _of_http_exception(request: Request, error: Exception) -> Response:

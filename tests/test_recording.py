@@ -115,8 +115,9 @@ def test_any_iteration_can_be_done_again_from_the_file_alone(prior: str, changes
         for report, state in made:
             assert_same(recording.report(report.iteration), report)
             assert_same(recording.state(report.iteration), state)
+        again = recording.problem()
         for k in range(5):
-            state, report = run.advance(recording.state(k), recording.problem())
+            state, report = run.advance(recording.state(k), again)
             assert_same(state, made[k + 1][1])
             assert_same(report, made[k + 1][0], without=("seconds",))
 

@@ -9,9 +9,8 @@ import re
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +18,8 @@ from app.commands.progress import Progress, announce
 from pmpnbp.errors import PmpnbpError, RecordingError, ScanError, SettingError
 
 if TYPE_CHECKING:
-    from pmpnbp.inference.belief import IterationReport
     from pmpnbp.inference.problem import Problem
+    from pmpnbp.inference.run import Step
     from pmpnbp.recording import Inputs, RecordingWriter
 
 OK, INTERRUPTED = 0, 130
@@ -30,39 +29,40 @@ class OutputError(PmpnbpError):
     """The result cannot be written where it was asked for."""
 
 
-@dataclass
-class Progressed:
-    """The newest iteration of a run, kept outside it so that an interrupted run has something to tell."""
-
-    report: IterationReport | None = None
-    converged: bool = False
-    began: float = 0.0
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Do it and return the exit status. Raises PmpnbpError for bad input, before anything is written."""
     _check_outputs(arguments.out, arguments.recording)
     cameras = _cameras(arguments.camera, arguments.scans)
     announce(arguments.quiet)
+    # imported here: it compiles a kernel, before which a word is said
+    from pmpnbp.inference.run import steps
+    from pmpnbp.readout.snapshot import Criteria, snapshot
+
     problem, inputs = _problem(arguments, cameras)
     truth = None if arguments.truth is None else _truth(arguments.truth)
 
-    progressed = Progressed(began=time.perf_counter())
+    began = time.perf_counter()
+    step: Step | None = None
     interrupted = False
     try:
         with (
             _recorder(arguments.recording, inputs, problem) as recorder,
             Progress(arguments.iterations, arguments.quiet) as bar,
         ):
-            for report in _iterations(problem, arguments.iterations, recorder, progressed):
-                bar.show(report)
-            bar.finished(progressed.converged)
+            for step in steps(problem, arguments.iterations):
+                if recorder is not None:
+                    recorder.write(step.report, step.state)
+                bar.show(step.report)
+            assert step is not None
+            bar.finished(step.converged)
     except KeyboardInterrupt:
         interrupted = True
-        if progressed.report is None:
+        if step is None:
             raise
-    assert progressed.report is not None
-    result = _result(problem, progressed, arguments, truth)
+    assert step is not None
+    criteria = Criteria(max_std=arguments.max_std, truth=truth)
+    elapsed = time.perf_counter() - began
+    result = snapshot(problem, step.report, criteria, converged=step.converged, elapsed=elapsed).result
     if not interrupted:
         _write(result, arguments.out)
         return OK
@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         _write(result, arguments.out)
         kept = f", what was found so far is in '{arguments.out.name}'"
-    sys.stderr.write(f"pmpnbp estimate: interrupted after iteration {progressed.report.iteration}{kept}\n")
+    sys.stderr.write(f"pmpnbp estimate: interrupted after iteration {step.iteration}{kept}\n")
     return INTERRUPTED
 
 
@@ -90,39 +90,6 @@ def _problem(arguments: argparse.Namespace, cameras: Sequence[Path | None]) -> t
         particles=arguments.particles,
         seed=arguments.seed,
         method=arguments.method,
-    )
-
-
-def _iterations(
-    problem: Problem, iterations: int, recorder: RecordingWriter | None, progressed: Progressed
-) -> Iterator[IterationReport]:
-    """Reports from iteration 0 on, recorded, until converged or `iterations` are done."""
-    from app import estimation
-
-    step = estimation.first(problem)
-    while True:
-        progressed.report, progressed.converged = step.report, step.converged
-        if recorder is not None:
-            recorder.write(step.report, step.state)
-        yield step.report
-        if step.converged or step.iteration >= iterations:
-            return
-        step = estimation.following(step, problem)
-
-
-def _result(
-    problem: Problem, progressed: Progressed, arguments: argparse.Namespace, truth: dict[str, Any] | None
-) -> dict[str, Any]:
-    from app import estimation
-
-    assert progressed.report is not None
-    return estimation.read_out(
-        problem,
-        progressed.report,
-        converged=progressed.converged,
-        seconds=time.perf_counter() - progressed.began,
-        max_std=arguments.max_std,
-        truth=truth,
     )
 
 

@@ -11,17 +11,17 @@ import anyio.to_thread
 from fastapi import APIRouter, Depends, Header, Query
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from app.json_text import json_bytes
 from app.problems import HttpProblem, responses
 from app.routes.event_stream import RETRY, News, news, not_stored
-from app.routes.parameters import readable
+from app.routes.parameters import find_source
 from app.sessions.events import Event
-from app.sessions.readable import Readable
+from app.sessions.source import Source
 from pmpnbp.errors import RecordingError
+from pmpnbp.json_text import json_bytes
 
 router = APIRouter(prefix="/api/v1", tags=["events"])
 
-Session = Annotated[Readable, Depends(readable)]
+Session = Annotated[Source, Depends(find_source)]
 Every = Annotated[float, Query(ge=0, le=10, description="seconds; 0: each iteration as it is made")]
 
 
@@ -79,7 +79,7 @@ def _sent(event: Event) -> ServerSentEvent:
     return ServerSentEvent(id=str(event.number), event=event.kind, raw_data=event.data.decode())
 
 
-def _before(session: Readable, seen: int | None, cursor: int) -> list[Event]:
+def _before(session: Source, seen: int | None, cursor: int) -> list[Event]:
     """What a listener has to hear first, up to event `cursor`."""
     events = session.events
     kept = [event for event in events.since(seen or 0) if event.number <= cursor]
@@ -87,10 +87,8 @@ def _before(session: Readable, seen: int | None, cursor: int) -> list[Event]:
         return kept
     state = Event(cursor, "state", json_bytes(session.progress()))
     with suppress(HttpProblem, RecordingError):  # a damaged session has no iterations, but a state
-        rows = session.rows(-1 if seen is not None else (session.progress()["iteration"] or 0) - 1)
+        archive = session.archive
+        rows = archive.rows(archive.iteration - 1) if seen is None else archive.rows_after_event(seen)
         numbered = [(int(json.loads(row)["event"]), row) for row in rows]
-        missed = [
-            Event(number, "iteration", row.encode()) for number, row in numbered if (seen or 0) < number <= cursor
-        ]
-        return [*missed, state]
+        return [*(Event(number, "iteration", row.encode()) for number, row in numbered if number <= cursor), state]
     return [state]

@@ -28,7 +28,7 @@ router = APIRouter(prefix="/api/v1", tags=["results"])
 def get_graph(session_id: SessionId, request: Request) -> Any:
     """Nodes and edges."""
     session = sessions_of(request).get(session_id)
-    problem = session.snapshot.problem
+    problem = session.archive.read().problem
     model = problem.mrf.model
     parts = [
         {

@@ -11,12 +11,12 @@ import anyio.to_thread
 from fastapi import Path, Query, Request
 
 from app.problems import HttpProblem
-from app.sessions.readable import Readable
 from app.sessions.sessions import Sessions
-from app.sessions.snapshot import Snapshot
+from app.sessions.source import Source
+from pmpnbp.readout.snapshot import Snapshot
 
 SessionId = Annotated[str, Path(description="id of the session")]
-ReadableId = Annotated[str, Path(description="id of the session, or of an uploaded recording")]
+SourceId = Annotated[str, Path(description="id of the session, or of an uploaded recording")]
 Link = Annotated[str, Path(description="name of the link")]
 Iteration = Annotated[
     int | None, Query(ge=0, le=2**31, description="number of the iteration, 0 is the start; default: the newest")
@@ -29,7 +29,7 @@ def sessions_of(request: Request) -> Sessions:
     return found
 
 
-async def readable(request: Request, session_id: SessionId) -> Readable:
+async def find_source(request: Request, session_id: SessionId) -> Source:
     """`Sessions.get` for calls in the event loop: from memory, and in a thread only what is not there. HttpProblem
     404."""
     sessions = sessions_of(request)
@@ -41,11 +41,11 @@ async def readable(request: Request, session_id: SessionId) -> Readable:
 
 def read(
     request: Request, session_id: str, iteration: int | None = None, links: Iterable[str] = ()
-) -> tuple[Readable, Snapshot]:
+) -> tuple[Source, Snapshot]:
     """A session and an iteration of it, None: the newest. HttpProblem 404, also for a link of `links` that its model
     does not have, and 409."""
     session = sessions_of(request).get(session_id)
-    made = session.read(iteration)
+    made = session.archive.read(iteration)
     check_links(made, links)
     return session, made
 

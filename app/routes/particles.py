@@ -7,18 +7,18 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from fastapi import APIRouter, Path, Query, Request, Response
 
-from app.json_text import without_nan
 from app.pictures.particle_picture import LONGEST, NARROWEST, particle_picture
 from app.problems import HttpProblem, responses
 from app.routes.parameters import Iteration, Link, SessionId, read
 from app.schemas import answer
 from app.schemas_particles import HeaviestParticles, Marginals, ParticleReasons
-from app.sessions.readable import Readable, no_view
-from app.sessions.snapshot import Snapshot
+from app.sessions.source import Source, no_view
 from pmpnbp.inference.belief import SOURCES
+from pmpnbp.json_text import without_nan
 from pmpnbp.readout.estimate import parts_of_links
 from pmpnbp.readout.marginals import marginals
 from pmpnbp.readout.particle_terms import ancestor_part, origin, terms
+from pmpnbp.readout.snapshot import Snapshot
 
 router = APIRouter(prefix="/api/v1", tags=["results"])
 
@@ -166,7 +166,7 @@ def get_particle_picture(
     return Response(picture, media_type="image/png")
 
 
-def _head(session: Readable, made: Snapshot, link: str) -> dict[str, Any]:
+def _head(session: Source, made: Snapshot, link: str) -> dict[str, Any]:
     part = made.problem.mrf.model.parts[_node(made, link)].name
     return {"session_id": session.id, "iteration": made.iteration, "link": link, "part": part}
 

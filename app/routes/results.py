@@ -15,16 +15,16 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
 from app import schemas
-from app.json_text import json_bytes
 from app.particle_files import MEDIA_TYPES, Format, written
 from app.problems import HttpProblem, responses
-from app.routes.parameters import Iteration, Link, SessionId, check_links, read, readable, sessions_of
-from app.sessions.readable import Readable
-from app.sessions.snapshot import Snapshot
+from app.routes.parameters import Iteration, Link, SessionId, check_links, find_source, read, sessions_of
+from app.sessions.source import Source
 from app.store.atomic_files import full_disk_as_problem
 from app.store.store import safe_name
 from pmpnbp.geometry import poses
+from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.estimate import parts_of_links
+from pmpnbp.readout.snapshot import Snapshot
 
 router = APIRouter(prefix="/api/v1", tags=["results"])
 
@@ -60,8 +60,8 @@ async def get_estimate(
     timeout: Annotated[float, Query(ge=0, le=600, description="seconds to wait, at most")] = 30.0,
 ) -> Response:
     """The newest at once where it was asked for before; all else in a thread."""
-    session = await readable(request, session_id)
-    made = session.present
+    session = await find_source(request, session_id)
+    made = session.archive.present
     if made is None or iteration is not None or wait is not None:
         made = await anyio.to_thread.run_sync(_found, session, iteration, wait, timeout)
     tail = json_bytes({"session_id": session.id, "state": session.state})
@@ -75,13 +75,13 @@ def _text(made: Snapshot) -> bytes:
     return made.result_text
 
 
-def _found(session: Readable, iteration: int | None, wait: Wait | None, timeout: float) -> Snapshot:
+def _found(session: Source, iteration: int | None, wait: Wait | None, timeout: float) -> Snapshot:
     if wait is not None and iteration is None:
         _await(session, wait, timeout)
-    return session.read(iteration)
+    return session.archive.read(iteration)
 
 
-def _await(session: Readable, wait: Wait, timeout: float) -> None:
+def _await(session: Source, wait: Wait, timeout: float) -> None:
     told = threading.Event()
     end = session.events.listen(told.set)
     try:
@@ -96,7 +96,7 @@ def _await(session: Readable, wait: Wait, timeout: float) -> None:
         end()
 
 
-def _so(session: Readable, wait: Wait) -> bool:
+def _so(session: Source, wait: Wait) -> bool:
     progress = session.progress()
     return wait != "idle" and bool(progress[wait])
 
@@ -194,7 +194,7 @@ def get_trace(
 ) -> Response:
     """The rows as they were recorded."""
     session = sessions_of(request).get(session_id)
-    found = session.rows(after, last)
+    found = session.archive.rows(after, last)
     if limit is not None and len(found) > limit:
         found = [found[-1 - place] for place in range(0, len(found), -(-len(found) // limit))][::-1]
     rows = ",".join(found)
@@ -225,7 +225,7 @@ def get_decision(
     names = made.problem.mrf.model.links
     asked = [*names] if links is None else list(dict.fromkeys(links.split(",")))
     check_links(made, asked)
-    limit = made.max_std if max_std is None else max_std
+    limit = made.criteria.max_std if max_std is None else max_std
     certain = made.placed.certain(limit)
     blocking = [link for link in asked if not certain[names.index(link)]]
     return {
@@ -255,7 +255,7 @@ def get_recording_of_session(session_id: SessionId, request: Request) -> Streami
     title = safe_name(f"{session.status()['name'] or session.id}.sqlite")
     with full_disk_as_problem(), TemporaryDirectory(dir=request.app.state.store.root / "incoming") as folder:
         copy = FilePath(folder) / "recording.sqlite"
-        session.copy_recording(copy)
+        session.archive.copy_to(copy)
         file = copy.open("rb")
     headers = {
         "Content-Disposition": f'attachment; filename="{title}"',
@@ -270,7 +270,7 @@ def _chunks(file: BinaryIO) -> Iterator[bytes]:
             yield chunk
 
 
-def _members(session: Readable, made: Snapshot) -> dict[str, Any]:
+def _members(session: Source, made: Snapshot) -> dict[str, Any]:
     return {
         "session_id": session.id,
         "iteration": made.iteration,

@@ -11,17 +11,17 @@ from fastapi.responses import HTMLResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from app import view_schemas
-from app.json_text import json_bytes
 from app.problems import HttpProblem, responses
 from app.routes.event_stream import RETRY, News, news, not_stored
-from app.routes.parameters import ReadableId, sessions_of
+from app.routes.parameters import SourceId, sessions_of
 from app.schemas import answer
 from app.security import VIEW_POLICY
-from app.sessions.readable import Readable
+from app.sessions.source import Source
 from app.store.store import safe_name
 from app.viewer.view import View
 from app.viewer.view_state import ViewStateError
 from app.viewer.views import Views, with_handles
+from pmpnbp.json_text import json_bytes
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.prior import load_prior
 
@@ -40,7 +40,7 @@ ViewId = Annotated[
     description="A view that is not there is made; one that nobody looks at goes after a minute.",
     responses=responses(404),
 )
-def get_view(session_id: ReadableId, view_id: ViewId, request: Request) -> Any:
+def get_view(session_id: SourceId, view_id: ViewId, request: Request) -> Any:
     """Its state."""
     with _view(request, session_id, view_id) as view:
         return view.answer()
@@ -54,7 +54,7 @@ def get_view(session_id: ReadableId, view_id: ViewId, request: Request) -> Any:
     description="Members that are not named stay. Another `part` forgets the `particle`.",
     responses=responses(409, status_404="The session, or the one to compare it with, is not here."),
 )
-def change_view(session_id: ReadableId, view_id: ViewId, body: view_schemas.ViewChange, request: Request) -> Any:
+def change_view(session_id: SourceId, view_id: ViewId, body: view_schemas.ViewChange, request: Request) -> Any:
     """Change it, where all of it is possible."""
     change = view_schemas.given(body)
     with _view(request, session_id, view_id) as view:
@@ -70,7 +70,7 @@ def change_view(session_id: ReadableId, view_id: ViewId, body: view_schemas.View
         return view.answer()
 
 
-def _kept(session_id: ReadableId, view_id: ViewId, request: Request) -> Iterator[View]:
+def _kept(session_id: SourceId, view_id: ViewId, request: Request) -> Iterator[View]:
     with _view(request, session_id, view_id) as view:
         yield view
 
@@ -112,7 +112,7 @@ async def get_view_events(
     description="What the view shows now, to be kept or sent: it can be looked at from all sides, but does not change.",
     responses=answer("The page.", content={"text/html": {"schema": {"type": "string"}}}) | responses(404, 409),
 )
-def get_view_scene(session_id: ReadableId, view_id: ViewId, request: Request) -> Response:
+def get_view_scene(session_id: SourceId, view_id: ViewId, request: Request) -> Response:
     """Draw, and write down what was drawn."""
     with _view(request, session_id, view_id) as view:
         painter = _views(request).painter(view)
@@ -140,13 +140,13 @@ def _views(request: Request) -> Views:
     return views
 
 
-def _check(change: dict[str, Any], source: Readable, request: Request) -> None:
+def _check(change: dict[str, Any], source: Source, request: Request) -> None:
     """Whether what is named is there: parts, the edge, the prior's link, the session to compare with."""
     if change.get("compare") is not None:
         sessions_of(request).get(change["compare"]["session_id"])
     if not any(change.get(member) is not None for member in ("part", "edge", "prior")):
         return
-    model = (source.present or source.read()).problem.mrf.model
+    model = source.archive.read().problem.mrf.model
     if change.get("prior") is not None:
         load_prior(change["prior"], model)
     for name in [change.get("part"), *(change.get("edge") or ())]:

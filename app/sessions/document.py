@@ -11,7 +11,9 @@ from typing import Any
 from app import estimation
 from app.problems import HttpProblem
 from app.store.store import Store
+from app.truth_file import truth_of
 from pmpnbp.inference.problem import Problem
+from pmpnbp.readout.snapshot import Criteria
 from pmpnbp.recording import Inputs
 from pmpnbp.settings import Settings, changed, preset
 
@@ -64,6 +66,15 @@ def prepare(store: Store, document: Mapping[str, Any]) -> tuple[Problem, Inputs]
         particles=document["particles"],
         seed=document["seed"],
         method=document["method"],
+    )
+
+
+def criteria(document: Mapping[str, Any]) -> Criteria:
+    """By what a session's iterations are judged. Raises ScanError for a truth that is none."""
+    truth = document.get("truth")
+    return Criteria(
+        max_std=document.get("max_std") or estimation.MAX_STD,
+        truth=None if truth is None else truth_of(truth, "the truth"),
     )
 
 

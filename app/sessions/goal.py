@@ -6,7 +6,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Literal
 
-from app.sessions.snapshot import Snapshot
+from pmpnbp.readout.snapshot import Snapshot
 
 Until = Literal["iterations", "converged", "certain"]
 
@@ -19,7 +19,7 @@ class Goal:
     until: Until
     done: Future[None] = field(default_factory=Future)
 
-    def reached(self, made: Snapshot, changed: bool) -> bool:
-        """Whether nothing is left to do; `changed` since `made`, the inference is neither at rest nor certain."""
-        so = (self.until == "converged" and made.converged) or (self.until == "certain" and made.certain)
-        return (so and not changed) or made.iteration >= self.last
+    def reached(self, newest: Snapshot, changed: bool) -> bool:
+        """Whether nothing is left to do; `changed` since `newest`, the inference is neither at rest nor certain."""
+        so = (self.until == "converged" and newest.converged) or (self.until == "certain" and newest.certain)
+        return (so and not changed) or newest.iteration >= self.last

@@ -11,32 +11,26 @@ from __future__ import annotations
 import json
 import logging
 import threading
-import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar
 
-from app import estimation
-from app.estimation import Step
-from app.json_text import json_bytes
 from app.problems import HttpProblem
 from app.sessions import document as documents
 from app.sessions.document import Document
 from app.sessions.events import Event, Events
 from app.sessions.goal import Goal, Until
-from app.sessions.history import History
-from app.sessions.past import Past
-from app.sessions.readable import Readable, no_view
+from app.sessions.recorded_inference import RecordedInference
 from app.sessions.run_queue import RunQueue
-from app.sessions.snapshot import Snapshot, snapshot
+from app.sessions.source import Source, no_view
 from app.sessions.worker import Worker
 from app.store.store import Store
-from app.truth_file import truth_of
 from pmpnbp.errors import PmpnbpError, RecordingError
 from pmpnbp.inference.problem import Problem
-from pmpnbp.recording import Change, Inputs
+from pmpnbp.json_text import json_bytes
+from pmpnbp.readout.snapshot import Snapshot
+from pmpnbp.recording import Change, Inputs, IterationArchive
 from pmpnbp.scene.observation import Scan
 
 Kind = TypeVar("Kind")
@@ -47,7 +41,7 @@ TURN = 10
 _log = logging.getLogger("pmpnbp.server")
 
 
-class Session(Readable):
+class Session(Source):
     """One session. `begin` or `recover` comes first; then any thread may call what is public."""
 
     kind = "session"
@@ -57,45 +51,36 @@ class Session(Readable):
         self._store = store
         self._slots = slots
         self._document = document
-        self._history = History(store.session_folder(id) / "recording.sqlite")
-        past = Past(f"session '{id}'", self._history, self._options)
-        super().__init__(id, Events(first, first, self._reserve), past)
+        archive = IterationArchive(store.session_folder(id) / "recording.sqlite", f"session '{id}'")
+        super().__init__(id, Events(first, first, self._reserve), archive)
         self._lock = threading.RLock()
-        self._worker = Worker(f"session-{id}", self._pursue_goal, self._history.abandon, partial(slots.nudge, self))
+        self._worker = Worker(f"session-{id}", self._pursue_goal, archive.abandon, partial(slots.nudge, self))
         self._goal: Goal | None = None
         self._closed = False
         self._state = "paused"
         self._error: str | None = None
         self._target: int = document.get("iterations") or 0
         self._until: Until = "iterations"
-        self._told: tuple[object, ...] = ()
+        self._announced: tuple[object, ...] = ()
         # of the thread alone
-        self._step: Step | None = None
-        self._made: Snapshot | None = None
-        self._elapsed = 0.0
+        self._inference = RecordedInference(archive, self.events.number, self._announce)
         self._turn = 0
 
     def begin(self, problem: Problem, inputs: Inputs) -> None:
         """Make iteration 0 and a recording that begins with it."""
-        began = time.perf_counter()
-        step = estimation.first(problem)
-        made = self._read_out(step, problem, time.perf_counter() - began)
-        self._history.begin(inputs, problem, step, made.row_text.decode())
-        self._elapsed = time.perf_counter() - began
-        self._past.begin(made)
+        self._inference.begin(problem, inputs, documents.criteria(self._document))
         with self._lock:
             self._error, self._target = None, int(self._document.get("iterations") or 0)
-        self._step, self._made = step, made
-        self._announce(made)
 
     def recover(self) -> None:
         """Take up what the recording has, after a restart. Where it is damaged the session is there, as failed."""
         try:
             if not self._document.get("model_id"):
                 raise RecordingError("its session.json is damaged")
-            self._document["changes"] = [json.loads(note) for note in self._past.recover()]
+            changes = self.archive.open(documents.criteria(self._document))
+            self._document["changes"] = [json.loads(change.note) for change in changes]
         except (PmpnbpError, OSError, ValueError) as error:
-            self._past.damage = self._error = str(error)
+            self.archive.damage = self._error = str(error)
             self._state = "failed"
 
     # What it is asked for
@@ -104,14 +89,14 @@ class Session(Readable):
         """Iterate in the background: `iterations` more, or, without it, up to the session's own number of them (that
         many more where it has made them); less where `until` comes true before. HttpProblem 409."""
         own = int(self._document.get("iterations") or 0)
-        at = self._past.iteration
+        at = self.archive.iteration
         if iterations is None:
             iterations = own - at if at < own else own
         self._set_goal(Goal(at + iterations, until))
 
     def step(self, iterations: int = 1) -> Future[None]:
         """Iterate so many times; the future is done after the last. HttpProblem 409, also through the future."""
-        self._set_goal(goal := Goal(self._past.iteration + iterations, "iterations"))
+        self._set_goal(goal := Goal(self.archive.iteration + iterations, "iterations"))
         return goal.done
 
     def pause(self) -> Future[None]:
@@ -199,7 +184,7 @@ class Session(Readable):
     def _set_goal(self, goal: Goal) -> None:
         with self._lock:
             self._check_open()
-            self._past.check()
+            self.archive.check()
             if self._goal is not None:
                 raise HttpProblem(409, f"session '{self.id}' is {self._state}; pause it first")
             self._goal, self._target, self._until = goal, goal.last, goal.until
@@ -219,64 +204,30 @@ class Session(Readable):
 
     def _pursue(self, goal: Goal) -> None:
         """One iteration, or what keeps it from being made."""
-        step = self._ready()
-        assert self._made is not None
-        if goal.reached(self._made, self._past.changed_since):
+        if goal.reached(self._inference.newest, self.archive.changed_since):
             self._rest("paused")
         elif not self._slots.take(self):
             self._tell("waiting")
             self._slots.wait(self)
         else:
             self._tell("running")
-            self._iterate(step)
+            if self._inference.iteration % TURN == 0:
+                documents.check_room(self._store)
+            self._inference.advance()
             self._turn += 1
-            if goal.reached(self._made, changed=False):
+            if goal.reached(self._inference.newest, changed=False):
                 self._rest("paused")
             elif self._turn >= TURN and self._slots.others_wait():
-                self._history.flush()
+                self.archive.flush()
                 self._slots.leave(self)
                 self._turn = 0
 
-    def _ready(self) -> Step:
-        """The step to go on from, with the problem of the next iteration."""
-        if self._step is None or self._made is None:
-            self._made = self.snapshot
-            self._elapsed, at = self._made.row["elapsed"], self._made.iteration
-            self._step = self._history.step(at, self._past.problem(at + 1), self._past.stretch(at))
-        return self._step
-
-    def _iterate(self, step: Step) -> None:
-        began = time.perf_counter()
-        if step.iteration % TURN == 0:
-            documents.check_room(self._store)
-        problem = self._past.problem(step.iteration + 1)
-        if self._made is not None and problem is not self._made.problem:
-            step = replace(step, recent=(step.report,))  # whether it is at rest is told anew
-        self._step = estimation.following(step, problem)
-        made = self._read_out(self._step, problem, self._elapsed + time.perf_counter() - began)
-        if self._made is not None and self._made.known_text is not None:
-            _ = made.result_text  # whoever asked for the one before is likely to ask for this one, and need not wait
-        self._made = made
-        self._history.add(self._step, made.row_text.decode(), partial(self._announce, made))
-        self._elapsed += time.perf_counter() - began
-
-    def _read_out(self, step: Step, problem: Problem, elapsed: float) -> Snapshot:
-        return snapshot(
-            problem,
-            step.report,
-            converged=step.converged,
-            elapsed=elapsed,
-            event=self.events.number(),
-            **self._options(),
-        )
-
-    def _announce(self, made: Snapshot) -> None:
-        self._past.announce(made)
-        self.events.publish(Event(made.row["event"], "iteration", made.row_text))
+    def _announce(self, newest: Snapshot) -> None:
+        self.events.publish(Event(newest.row["event"], "iteration", newest.row_text))
 
     def _rest(self, state: str) -> None:
         """Come to rest in `state`, with everything written."""
-        self._history.flush()
+        self.archive.flush()
         with self._lock:
             goal, self._goal, self._state = self._goal, None, state
             self._slots.leave(self)
@@ -288,9 +239,9 @@ class Session(Readable):
     def _fail(self, error: Exception) -> None:
         expected = isinstance(error, PmpnbpError | HttpProblem)
         _log.log(logging.WARNING if expected else logging.ERROR, "session %s failed", self.id, exc_info=not expected)
-        self._history.abandon()
-        self._step = self._made = None  # what was not written was not made
-        at = self._past.iteration
+        self.archive.abandon()
+        self._inference.forget()
+        at = self.archive.iteration
         sentence = str(error) if expected else f"iteration {at + 1} could not be made: {type(error).__name__}: {error}"
         with self._lock:
             goal, self._goal, self._state, self._error = self._goal, None, "failed", sentence
@@ -305,10 +256,11 @@ class Session(Readable):
         """Be in `state`, where it is given, and say what is new of it."""
         with self._lock:
             self._state = state or self._state
-            told = (self._state, self._slots.position(self), self._target, self._until, self._error, self._past.changes)
-            if told == self._told:
+            place, changes = self._slots.position(self), self.archive.changes
+            announced = (self._state, place, self._target, self._until, self._error, changes)
+            if announced == self._announced:
                 return
-            self._told = told
+            self._announced = announced
             progress = self._progress()
         self._publish("state", progress)
 
@@ -338,55 +290,46 @@ class Session(Readable):
             self._pause()
         document = documents.folded(self._document)
         problem, inputs = documents.prepare(self._store, document)
-        self._history.abandon()
+        self.archive.abandon()
         self._store.write_session(self.id, document)
         self._document = document
         self.begin(problem, inputs)
-        self._told = ()
+        self._announced = ()
         self._tell("paused")
 
     def _change(self, config: dict[str, Any]) -> None:
-        self._past.check()
+        self.archive.check()
         if not config:
             return
         settings = documents.settings_of(documents.fold(documents.present_config(self._document), config))
         self._apply({"config": config}, {"settings": settings})
 
     def _add_scan(self, scan_id: str) -> None:
-        self._past.check()
+        self.archive.check()
         if scan_id in documents.present_scans(self._document):
             raise HttpProblem(409, f"scan '{scan_id}' is in session '{self.id}' already")
         self._apply({"scan_id": scan_id}, {"scan": self._store.load_scan(scan_id)})
 
     def _apply(self, entry: dict[str, Any], change: dict[str, Any]) -> None:
         """Make a change after the iteration just made, in document and recording; nothing of it where it fails."""
-        at = self._made.iteration if self._made is not None else self._past.iteration
-        after = self._past.next_change(at)
+        after = self.archive.next_change(self._inference.iteration)
         entry = {"after_iteration": after, **entry}
         old = self._document
         new = {**old, "changes": [*(old.get("changes") or ()), entry]}
         problem, _ = documents.prepare(self._store, new)
         self._store.write_session(self.id, new)
         try:
-            self._history.change(Change(after, note=json.dumps(entry), **change))
+            self.archive.change(Change(after, note=json.dumps(entry), **change), problem)
         except (HttpProblem, RecordingError) as error:
             self._store.write_session(self.id, old)
             self._fail(error)
             raise
         with self._lock:
             self._document = new
-        self._past.changed(after, problem)
         self._tell()
 
-    def _options(self) -> dict[str, Any]:
-        truth = self._document.get("truth")
-        return {
-            "max_std": self._document.get("max_std") or estimation.MAX_STD,
-            "truth": None if truth is None else truth_of(truth, "the truth"),
-        }
-
     def _progress(self) -> dict[str, Any]:
-        row, changed = self._past.row, self._past.changed_since
+        row, changed = self.archive.row, self.archive.changed_since
         return {
             "state": self._state,
             "iteration": row["iteration"],

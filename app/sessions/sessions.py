@@ -13,11 +13,11 @@ from typing import Any
 from app.problems import HttpProblem
 from app.server_config import ServerConfig
 from app.sessions.document import Document, prepare
-from app.sessions.readable import Readable
-from app.sessions.recorded import Recorded
 from app.sessions.run_queue import RunQueue
 from app.sessions.sample import NAME, sample_document
 from app.sessions.session import Session
+from app.sessions.source import Source
+from app.sessions.uploaded import UploadedRecording
 from app.sessions.worker import share_interpreter
 from app.store.store import Store
 
@@ -49,7 +49,7 @@ class Sessions:
         self._lock = threading.Lock()
         self._sessions: dict[str, Session] = {}
         self._opening = threading.Lock()
-        self._recorded: dict[str, Recorded] = {}
+        self._recorded: dict[str, UploadedRecording] = {}
         self._coming = 0
         self._closed = False
 
@@ -94,11 +94,11 @@ class Sessions:
             with self._lock:
                 self._coming -= 1
 
-    def at_hand(self, id: str) -> Readable | None:
+    def at_hand(self, id: str) -> Source | None:
         """What `get` gives, where that needs no reading; else None."""
         return self._sessions.get(id) or self._recorded.get(id)
 
-    def get(self, id: str) -> Readable:
+    def get(self, id: str) -> Source:
         """A session, or an uploaded recording as one. HttpProblem 404."""
         with self._lock:
             session = self._sessions.get(id)
@@ -114,7 +114,7 @@ class Sessions:
     def session(self, id: str) -> Session:
         """A session that can be told what to do. HttpProblem 404, and 409 for a recording."""
         found = self.get(id)
-        if isinstance(found, Recorded):
+        if isinstance(found, UploadedRecording):
             raise found.cannot_iterate()
         assert isinstance(found, Session)
         return found
@@ -179,13 +179,14 @@ class Sessions:
             )
         return self.create(document)
 
-    def _open(self, id: str) -> Recorded | None:
+    def _open(self, id: str) -> UploadedRecording | None:
         """The recording of that id, opened where it is not yet; None where it is not in the store."""
         with self._opening:
             found = self._recorded.get(id)
             if found is None and not self._closed:
                 try:
-                    found = Recorded(id, self._store.file("recordings", id), self._store.document("recordings", id))
+                    path, document = self._store.file("recordings", id), self._store.document("recordings", id)
+                    found = UploadedRecording(id, path, document)
                 except HttpProblem:
                     return None
                 self._recorded[id] = found

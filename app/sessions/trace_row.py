@@ -7,7 +7,8 @@ import json
 from pydantic import ValidationError
 
 from app.schemas import TraceRow
-from app.sessions.history import Row
+from pmpnbp.readout.snapshot import Row
+from pmpnbp.recording.trace_rows import event_of
 from pmpnbp.scene.articulated_object import ArticulatedObject
 
 
@@ -24,8 +25,3 @@ def row_of(text: str, model: ArticulatedObject) -> Row | None:
     if set(stds) != set(model.links) or set(row["effective_sample_size"]) != {part.name for part in model.parts}:
         return None
     return {**row, "event": event_of(row["iteration"])}
-
-
-def event_of(iteration: int) -> int:
-    """The number that stands for the event of an iteration, of which a recording has one each."""
-    return iteration + 1

@@ -13,7 +13,6 @@ import numpy as np
 
 from app import palette
 from app.palette import DARK_PAPER, PAPER, Colour, rgb
-from app.sessions.snapshot import Snapshot
 from app.viewer import scan_points
 from app.viewer.ellipsoids import ellipsoids
 from app.viewer.gizmos import gizmos
@@ -36,6 +35,7 @@ from app.viewer.view_state import Theme, ViewState
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import Belief, Messages
+from pmpnbp.readout.snapshot import Snapshot
 
 # Particles whose orientation is drawn.
 BEST = 24
@@ -88,8 +88,8 @@ def frame(
     if show.axes and state.part in names:
         best = _best(made.report.belief, names.index(state.part))
         nodes.append(Axes("/axes", best, AXIS * stage.size))
-    if show.truth and made.truth is not None:
-        nodes += _truth(made.truth["links"], stage, state)
+    if show.truth and made.criteria.truth is not None:
+        nodes += _truth(made.criteria.truth["links"], stage, state)
     if show.planes:
         nodes += _planes(stage, state)
     if show.messages and state.edge is not None and made.report.messages is not None:

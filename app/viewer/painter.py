@@ -17,8 +17,7 @@ import numpy as np
 from cachetools import LRUCache
 
 from app.problems import HttpProblem
-from app.sessions.readable import Readable
-from app.sessions.snapshot import Snapshot
+from app.sessions.source import Source
 from app.viewer.camera import Camera
 from app.viewer.client_page import scene_only
 from app.viewer.draw import Drawing
@@ -33,6 +32,7 @@ from app.viewer.view_state import Eye, ViewState
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
+from pmpnbp.readout.snapshot import Snapshot
 
 # Pictures a second, at most; and the same of a running session where the processor draws them.
 RATE, ECONOMY_RATE = 12.0, 0.5
@@ -45,7 +45,7 @@ _log = logging.getLogger("pmpnbp.server")
 class Painter:
     """Draws one view, in a thread that it starts. find : a session, or recording, by its id."""
 
-    def __init__(self, view: View, source: Readable, find: Find) -> None:
+    def __init__(self, view: View, source: Source, find: Find) -> None:
         self._view = view
         self._source = source
         self._find = find
@@ -147,26 +147,26 @@ class Painter:
         self._view.tell("drawn")
         return True
 
-    def _read(self, source: Readable, iteration: int | None) -> Snapshot:
+    def _read(self, source: Source, iteration: int | None) -> Snapshot:
         """An iteration; the newest where there are not so many, as after a reset."""
-        newest = source.present or source.read()
+        newest = source.archive.read()
         if iteration is None or iteration >= newest.iteration:
             return newest
-        return source.read(iteration)
+        return source.archive.read(iteration)
 
     def _scan_count(self, made: Snapshot) -> int:
         """How many scans the iteration was made with."""
         later = [one for one in self._source.changes() if "scan_id" in one and one["after_iteration"] >= made.iteration]
         return max(len(self._source.status()["scan_ids"]) - len(later), 1)
 
-    def _stage(self, source: Readable, made: Snapshot, scans: int) -> Stage:
+    def _stage(self, source: Source, made: Snapshot, scans: int) -> Stage:
         key = (source.id, id(made.problem), scans)
         if key not in self._stages:
             found = stage(made.problem, tuple(self._scan(source, view) for view in range(scans)))
             self._stages[key] = made.problem, found  # with the problem, so that no other one can have its id
         return self._stages[key][1]
 
-    def _scan(self, source: Readable, view: int) -> ScanPoints:
+    def _scan(self, source: Source, view: int) -> ScanPoints:
         key = (source.id, view)
         if key not in self._scans:
             self._scans[key] = scan_points(source.scan(view)[1])

@@ -14,11 +14,11 @@ from typing import Any
 import viser
 
 from app.problems import HttpProblem
-from app.sessions.readable import Readable
+from app.sessions.source import Source
 from app.viewer.view_state import ViewState, members, merged
 from app.viewer.viser_server import address, open_server
 
-Find = Callable[[str], Readable]
+Find = Callable[[str], Source]
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class View:
 
     session_id: str
     view_id: str
-    source: Readable | None
+    source: Source | None
     clients: int = 0
     keepers: int = 0
     last_left: threading.Timer | None = field(default=None, repr=False)

@@ -11,7 +11,7 @@ import secrets
 import threading
 
 from app.problems import HttpProblem
-from app.sessions.readable import Readable
+from app.sessions.source import Source
 from app.viewer.gizmos import default_prior, default_region
 from app.viewer.painter import Painter
 from app.viewer.view import Find, View
@@ -137,7 +137,7 @@ def new_view_id() -> str:
     return secrets.token_hex(8)
 
 
-def _own_handles(source: Readable | None) -> dict[str, object]:
+def _own_handles(source: Source | None) -> dict[str, object]:
     """The session's own region and gaussian prior, for a new view."""
     status = {} if source is None else source.status()
     prior = status.get("prior")
@@ -145,15 +145,15 @@ def _own_handles(source: Readable | None) -> dict[str, object]:
     return {"region": status.get("roi"), "prior": prior if gaussian else None}
 
 
-def with_handles(view: View, source: Readable) -> None:
+def with_handles(view: View, source: Source) -> None:
     """Give region and prior of the view's state something to drag, where they are shown and say nothing yet. Raises
     HttpProblem where the session has no iteration."""
     state = view.state
     change: dict[str, object] = {}
     if state.show.region and state.region is None:
-        change["region"] = default_region(source.read().problem.observation)
+        change["region"] = default_region(source.archive.read().problem.observation)
     if state.show.prior and state.prior is None:
-        made = source.read()
+        made = source.archive.read()
         change["prior"] = default_prior(made.problem.mrf.model, made.result["links"])
     if change:
         view.change(change)

@@ -35,7 +35,6 @@ class Recording:
 
     def __init__(self, path: Path) -> None:
         self._path = Path(path)
-        self._problems: dict[int, Problem] = {}
         self._connection = self._open()
         try:
             application, version = (self._pragma(name) for name in ("application_id", "user_version"))
@@ -49,6 +48,11 @@ class Recording:
         except BaseException:
             self._connection.close()
             raise
+
+    @property
+    def name(self) -> str:
+        """The name of the file, as errors call it."""
+        return self._path.name
 
     def __enter__(self) -> Recording:
         return self
@@ -100,14 +104,11 @@ class Recording:
 
     def problem(self, iteration: int | None = None) -> Problem:
         """The problem of an iteration, or else of the next one, made again from model, scans, prior and settings as
-        they were then; made once for all iterations between two changes."""
-        number = len(self.changes(iteration))
-        if number not in self._problems:
-            try:
-                self._problems[number] = inputs_module.restored_problem(self._connection, iteration)
-            except _DAMAGE:
-                raise self._damaged("its model or scans") from None
-        return self._problems[number]
+        they were then; the same for all iterations between two changes, so that callers keep it."""
+        try:
+            return inputs_module.restored_problem(self._connection, iteration)
+        except _DAMAGE:
+            raise self._damaged("its model or scans") from None
 
     def iterations(self) -> list[int]:
         """Numbers of the iterations that can be read, ascending; those thinned out are not among them."""

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from functools import cache
 
 from app import estimation
-from app.sessions.snapshot import Snapshot, snapshot
 from app.truth_file import load_truth
 from app.viewer.scan_points import scan_points
 from app.viewer.stage import Stage, stage
+from pmpnbp.inference import run as engine
+from pmpnbp.readout.snapshot import Criteria, Snapshot, snapshot
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.settings import changed, preset
@@ -33,20 +34,9 @@ def scene(seed: int = 11, iterations: int = 5) -> Scene:
     scan = load_scan(folder / "depth.png", folder / "camera.json")
     settings = changed(preset("robust"), json.loads(json.dumps(QUICK)))
     problem, _ = estimation.prepare(CABINET / "cabinet.urdf", [scan], ROI, None, settings, particles=40, seed=seed)
-    truth = load_truth(folder / "truth.json")
-    step = estimation.first(problem)
-    made = []
-    for number in range(iterations + 1):
-        step = step if number == 0 else estimation.following(step, problem)
-        made.append(
-            snapshot(
-                problem,
-                step.report,
-                converged=step.converged,
-                elapsed=0.0,
-                event=number,
-                max_std=0.0025,
-                truth=truth,
-            )
-        )
-    return Scene(scan, tuple(made), stage(problem, (scan_points(scan),)))
+    criteria = Criteria(max_std=0.0025, truth=load_truth(folder / "truth.json"))
+    snapshots = tuple(
+        snapshot(problem, step.report, criteria, converged=step.converged, elapsed=0.0, event=step.iteration)
+        for step in engine.steps(problem, iterations)
+    )
+    return Scene(scan, snapshots, stage(problem, (scan_points(scan),)))

@@ -13,11 +13,11 @@ import fastapi.routing
 import httpx
 import pytest
 
-from app import estimation
 from app.routes.events import _news, get_events
 from app.schemas import Progress, TraceRow
 from app.sessions.events import BLOCK, KEPT, Event, Events
 from app.sessions.sessions import Sessions
+from pmpnbp.inference import run as engine
 from tests.app import small_sessions as small
 
 Heard = tuple[int, str, dict[str, Any]]
@@ -104,8 +104,9 @@ def test_iterations_are_gathered_where_they_are_not_waited_for() -> None:
         events.publish(Event(events.number(), kind, b"{}"))
 
     async def heard(every: float) -> tuple[list[str], list[str]]:
+        archive = SimpleNamespace(iteration=0, rows=lambda after: [])
         session: Any = SimpleNamespace(
-            events=events, progress=lambda: {"state": "running", "iteration": 0}, rows=lambda after: []
+            events=events, progress=lambda: {"state": "running", "iteration": 0}, archive=archive
         )
         kinds: list[str] = []
 
@@ -184,7 +185,7 @@ def test_a_failure_is_an_event(served: Any, client: httpx.Client, monkeypatch: p
 
     path = small.create(client)
     with monkeypatch.context() as patch:
-        patch.setattr(estimation, "following", fail)
+        patch.setattr(engine, "following", fail)
         client.post(f"{path}/step")
     heard = listen(served.url, path, 0, lambda heard: heard[1] == "error")
     assert heard[-1][2] == {"error": "iteration 1 could not be made: MemoryError: no room", "iteration": 0}

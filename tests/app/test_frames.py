@@ -10,7 +10,6 @@ import pytest
 from scipy.stats import special_ortho_group
 
 from app.palette import PART_COLOURS, rgb
-from app.sessions.snapshot import Snapshot
 from app.viewer.ellipsoids import ellipsoids, radius_scale
 from app.viewer.frames import BEST, frame
 from app.viewer.gizmos import HIGH, LOW, PRIOR, default_prior, default_region, dragged_prior, dragged_region
@@ -20,6 +19,7 @@ from app.viewer.scene_frame import Axes, Ellipsoids, Frustum, Handle, Lines, Poi
 from app.viewer.view_state import LAYERS, ViewState, merged
 from pmpnbp.geometry import poses
 from pmpnbp.potentials.pixel_kinds import PixelKind
+from pmpnbp.readout.snapshot import Snapshot
 from pmpnbp.scene.observation import SUPPORT
 from tests.app.scenes import scene
 

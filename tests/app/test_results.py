@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from app import cli
-from app.json_text import json_bytes
 from app.schemas import BeliefParticles, Decision, Estimate, MessageParticles, Trace
 from pmpnbp.geometry import poses
+from pmpnbp.json_text import json_bytes
 from pmpnbp.readout import posterior
 from pmpnbp.recording import Recording
 from tests.app import small_sessions as small

@@ -12,9 +12,9 @@ from typing import Any
 import httpx
 import pytest
 
-from app import estimation
 from app.sessions.run_queue import RunQueue
 from app.sessions.sessions import Sessions
+from pmpnbp.inference import run as engine
 from tests.app import small_sessions as small
 
 
@@ -215,7 +215,7 @@ def test_a_failing_iteration_is_kept_and_may_be_tried_again(
         raise MemoryError("no room for 3 particles")
 
     with monkeypatch.context() as patch:
-        patch.setattr(estimation, "following", fail)
+        patch.setattr(engine, "following", fail)
         problem(client.post(f"{path}/step"), 409, "is failed: iteration 3 could not be made: MemoryError: no room")
     found = client.get(path).json()
     assert (found["state"], found["iteration"]) == ("failed", 2)
@@ -326,7 +326,7 @@ def test_after_a_restart_every_session_is_there(serve: Callable[..., Any], tmp_p
     while client.get(running).json()["iteration"] < 5:
         time.sleep(small.PATIENCE)
     served.app.state.sessions.close()
-    estimate = served.app.state.sessions.get(running.rpartition("/")[2]).snapshot.result_text
+    estimate = served.app.state.sessions.get(running.rpartition("/")[2]).archive.read().result_text
     folders = {path: served.config.data_dir / "sessions" / path.rpartition("/")[2] for path in (damaged, lost, cut)}
     (folders[damaged] / "recording.sqlite").write_bytes(b"SQLite format 3\0 and then nothing of the kind" * 100)
     (folders[lost] / "recording.sqlite").unlink()
@@ -341,7 +341,7 @@ def test_after_a_restart_every_session_is_there(serve: Callable[..., Any], tmp_p
     assert (found[cut]["iteration"], found[damaged]["iteration"]) == (4, None)
     assert "cannot be read" in found[damaged]["error"] or "damaged" in found[damaged]["error"]
     assert found[lost]["error"] == "recording 'recording.sqlite' is not there"
-    assert served.app.state.sessions.get(running.rpartition("/")[2]).snapshot.result_text == estimate
+    assert served.app.state.sessions.get(running.rpartition("/")[2]).archive.read().result_text == estimate
     problem(client.post(f"{damaged}/run"), 409, "is failed:")
     problem(client.get(f"{damaged}/estimate"), 409, "is failed:")
     problem(client.get(f"{damaged}/trace"), 409, "is failed:")
@@ -371,7 +371,7 @@ def test_the_sample_session_is_made_once_and_runs(serve: Callable[..., Any]) -> 
     session.pause().result()
     (found,) = served.client.get("/api/v1/sessions").json()
     assert found["name"].startswith("Sample") and found["iteration"] >= 0
-    assert session.snapshot.row["add"].keys() == {"frame", "drawer1", "drawer2", "drawer3"}
+    assert session.archive.read().row["add"].keys() == {"frame", "drawer1", "drawer2", "drawer3"}
 
 
 def test_slots_are_taken_in_the_order_of_asking() -> None:

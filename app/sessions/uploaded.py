@@ -12,44 +12,42 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from app import estimation
-from app.json_text import without_nan
 from app.problems import HttpProblem
 from app.sessions.events import Events
-from app.sessions.past import Past
-from app.sessions.readable import Readable, no_view
-from app.sessions.recorded_history import RecordedHistory
-from app.sessions.trace_row import event_of
+from app.sessions.source import Source, no_view
+from app.sessions.trace_row import row_of
 from pmpnbp.errors import PmpnbpError
+from pmpnbp.json_text import without_nan
 from pmpnbp.readout.estimate import pose_members
-from pmpnbp.recording import Change, Inputs, Recording
+from pmpnbp.readout.snapshot import Criteria
+from pmpnbp.recording import Change, Inputs, IterationArchive, Recording
+from pmpnbp.recording.trace_rows import event_of
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.settings import Settings
 
 
-class Recorded(Readable):
+class UploadedRecording(Source):
     """The recording at `path`, whose entry in the store is `document`."""
 
     kind = "recording"
 
     def __init__(self, id: str, path: Path, document: Mapping[str, Any]) -> None:
         self._document = dict(document)
-        self._history = RecordedHistory(path, self._options)
-        past = Past(f"recording '{id}'", self._history, self._options, remedy="delete")
+        archive = IterationArchive(path, f"recording '{id}'", remedy="delete", foreign_row=row_of)
         self._inputs: Inputs | None = None
         self._changes: list[dict[str, Any]] = []
         try:
-            past.recover()
+            changes = archive.open(Criteria(max_std=estimation.MAX_STD))
+            reached = max([archive.iteration, *(change.after_iteration + 1 for change in changes)])
             with Recording(path) as recording, TemporaryDirectory(prefix="recording-") as folder:
-                changes = self._history.changes()
-                reached = max([past.iteration, *(change.after_iteration + 1 for change in changes)])
                 self._inputs = recording.restored_inputs(Path(folder), reached)
                 views = len(self._inputs.scans) - sum(change.scan is not None for change in changes)
-                self._changes = _told_changes(changes, recording.settings(0), views)
+                self._changes = _changes_as_a_session_has_them(changes, recording.settings(0), views)
         except (PmpnbpError, OSError, ValueError) as error:
-            past.damage = str(error)
-        first = event_of(past.iteration) + 1
-        super().__init__(id, Events(first, first), past)
+            archive.damage = str(error)
+        first = event_of(archive.iteration) + 1
+        super().__init__(id, Events(first, first), archive)
 
     @property
     def state(self) -> str:
@@ -79,7 +77,7 @@ class Recorded(Readable):
 
     def progress(self) -> dict[str, Any]:
         """Where it ends."""
-        row = self._past.row
+        row = self.archive.row
         return {
             "state": self.state,
             "iteration": row["iteration"],
@@ -87,7 +85,7 @@ class Recorded(Readable):
             "until": "iterations",
             "converged": row["converged"],
             "certain": row["certain"],
-            "error": self._past.damage,
+            "error": self.archive.damage,
             "position": None,
         }
 
@@ -97,7 +95,7 @@ class Recorded(Readable):
 
     def scan(self, view: int) -> tuple[str, Scan]:
         """A view's scan, and a name that nothing else has. HttpProblem 404."""
-        self._past.check()
+        self.archive.check()
         scans = () if self._inputs is None else self._inputs.scans
         if view >= len(scans):
             raise no_view(self, view, len(scans))
@@ -111,6 +109,7 @@ class Recorded(Readable):
     def close(self) -> None:
         """End the event streams."""
         self.events.close()
+        self.archive.close()
 
     def cannot_iterate(self) -> HttpProblem:
         """The 409 for whatever would change it."""
@@ -118,11 +117,8 @@ class Recorded(Readable):
             409, f"'{self.id}' is a recording; it cannot iterate; create a session from its model and scans"
         )
 
-    def _options(self) -> dict[str, Any]:
-        return {"max_std": estimation.MAX_STD, "truth": None}
 
-
-def _told_changes(changes: Sequence[Change], began: Settings, views: int) -> list[dict[str, Any]]:
+def _changes_as_a_session_has_them(changes: Sequence[Change], began: Settings, views: int) -> list[dict[str, Any]]:
     """The changes as a session has them: the settings that are others than before, or the view that came to the first
     `views`."""
     found: list[dict[str, Any]] = []

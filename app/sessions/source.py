@@ -1,30 +1,28 @@
-"""What can be read of a session, whether it still iterates or is a recording that was uploaded to be looked at?
+"""What has iterations to be looked at? A session, whether it still iterates, or a recording that was uploaded.
 
-Everything that shows iterations takes a `Readable`; what tells a session to do something takes a `Session`.
+What shows iterations takes a `Source` and reads its archive; what tells a session to do something takes a `Session`.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from pathlib import Path
 from typing import Any, Literal
 
 from app.problems import HttpProblem
 from app.sessions.events import Events
-from app.sessions.past import Past
-from app.sessions.snapshot import Snapshot
+from pmpnbp.recording import IterationArchive
 from pmpnbp.scene.observation import Scan
 
 
-class Readable(ABC):
+class Source(ABC):
     """Iterations, and what happens. Any thread may call what is public."""
 
     kind: Literal["session", "recording"]
 
-    def __init__(self, id: str, events: Events, past: Past) -> None:
+    def __init__(self, id: str, events: Events, archive: IterationArchive) -> None:
         self.id = id
         self.events = events
-        self._past = past
+        self.archive = archive
 
     @property
     @abstractmethod
@@ -35,28 +33,6 @@ class Readable(ABC):
     def idle(self) -> bool:
         """Whether it stays as it is until it is told something."""
         return self.state in ("paused", "failed", "recorded")
-
-    @property
-    def present(self) -> Snapshot | None:
-        """The newest iteration, where it is in memory: nothing is waited for."""
-        return self._past.present
-
-    @property
-    def snapshot(self) -> Snapshot:
-        """The newest iteration. HttpProblem 409 where the recording is damaged."""
-        return self._past.snapshot
-
-    def read(self, iteration: int | None = None) -> Snapshot:
-        """An iteration, read out as it was when it was made; without a number the newest. HttpProblem 404, 409."""
-        return self._past.read(iteration)
-
-    def rows(self, after: int = -1, last: int | None = None) -> list[str]:
-        """The trace, JSON, beyond iteration `after`, up to `last`. HttpProblem 409 where the recording is damaged."""
-        return self._past.rows(after, last)
-
-    def copy_recording(self, path: Path) -> None:
-        """A consistent copy of the recording. HttpProblem 409 where it is damaged."""
-        self._past.copy_to(path)
 
     @abstractmethod
     def status(self) -> dict[str, Any]:
@@ -84,7 +60,7 @@ class Readable(ABC):
         """End the event streams, and whatever it does. A second call does nothing."""
 
 
-def no_view(readable: Readable, view: int, count: int) -> HttpProblem:
+def no_view(source: Source, view: int, count: int) -> HttpProblem:
     """The 404 for a view that is not here, of `count` that are."""
     there = f"it has 0 to {count - 1}" if count else "it has none"
-    return HttpProblem(404, f"view {view} of {readable.kind} '{readable.id}' is not here; {there}")
+    return HttpProblem(404, f"view {view} of {source.kind} '{source.id}' is not here; {there}")

@@ -1,4 +1,4 @@
-"""JSON as it leaves the server: in UTF-8, without NaN or infinities, which JSON does not have; they become null."""
+"""JSON as it leaves the program: in UTF-8, without NaN or infinities, which JSON does not have; they become null."""
 
 from __future__ import annotations
 

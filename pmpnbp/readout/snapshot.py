@@ -1,51 +1,67 @@
-"""What does a session say of an iteration? The row of the trace at once, as it is announced.
+"""What does an iteration say? Its row of the trace at once, the whole result when it is asked for.
 
-The whole result is read out when it is asked for: nobody looks at most of them, and it takes longer than an iteration.
+Nobody looks at most of the results, and reading one out takes longer than an iteration.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from app import estimation
-from app.json_text import json_bytes
-from app.sessions.history import Row
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
+from pmpnbp.json_text import json_bytes
+from pmpnbp.readout import estimate as readout
 from pmpnbp.readout.estimate import Placement, part_adds, place
 
+Row = dict[str, Any]
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, kw_only=True)
+class Criteria:
+    """By what an iteration is judged.
+
+    max_std : metres, up to which standard deviation along each axis a link is certain
+    truth : `links` and `joints` as `truth_file.load_truth` gives them, or None where it is not known
+    """
+
+    max_std: float
+    truth: Mapping[str, Any] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class Snapshot:
     """An iteration, read out; immutable.
 
-    problem : what it was made with; placed : where it has everything
-    row : the trace's entry, row_text : the same as JSON
-    max_std, truth : as `snapshot` takes them
+    problem : what it was made with; placed : where the estimate has everything
+    row : the trace's entry; row_text : the same as JSON
     """
 
     problem: Problem
     report: IterationReport
     placed: Placement
+    criteria: Criteria
     row: Row
     row_text: bytes
-    max_std: float
-    truth: dict[str, Any] | None = None
 
     @cached_property
     def result(self) -> dict[str, Any]:
         """The members of result.json."""
-        return estimation.read_out(
+        estimate = readout.estimate(
             self.problem,
             self.report,
             self.placed,
+            max_std=self.criteria.max_std,
             converged=self.converged,
-            seconds=self.row["elapsed"],
-            max_std=self.max_std,
-            truth=self.truth,
+            seconds=round(self.row["elapsed"], 3),
         )
+        truth = self.criteria.truth
+        if truth is None:
+            return readout.to_result(estimate)
+        errors = readout.errors(self.problem.mrf.model, estimate, truth["links"], truth["joints"])
+        return readout.to_result(estimate, errors)
 
     @cached_property
     def result_text(self) -> bytes:
@@ -76,21 +92,21 @@ class Snapshot:
 def snapshot(
     problem: Problem,
     report: IterationReport,
+    criteria: Criteria,
     *,
     converged: bool,
     elapsed: float,
-    event: int,
-    max_std: float,
-    truth: dict[str, Any] | None,
+    event: int | None = None,
 ) -> Snapshot:
     """Read an iteration out.
 
-    elapsed : seconds of wall time the inference has taken so far; event : the number of the iteration's event
-    truth : as `truth_file.truth_of` gives it, or None
+    elapsed : seconds of wall time the inference has taken so far
+    event : the number by which the iteration is announced, where it is
     """
     model = problem.mrf.model
     placed = place(problem, report)
     names = [part.name for part in model.parts]
+    truth = criteria.truth
     row: Row = {
         "event": event,
         "iteration": report.iteration,
@@ -103,7 +119,7 @@ def snapshot(
         "std_xyz": dict(zip(model.links, placed.std_xyz.tolist(), strict=True)),
         "add": None if truth is None else part_adds(model, placed.part_poses, truth["links"]),
         "converged": converged,
-        "certain": bool(placed.certain(max_std).all()),
+        "certain": bool(placed.certain(criteria.max_std).all()),
         "notes": list(report.notes),
     }
-    return Snapshot(problem, report, placed, row, json_bytes(row), max_std, truth)
+    return Snapshot(problem=problem, report=report, placed=placed, criteria=criteria, row=row, row_text=json_bytes(row))

@@ -21,6 +21,7 @@ LINES = 400
 # From the ground up; a module imports from its own floor and those before it.
 FLOORS = (
     "pmpnbp.errors",
+    "pmpnbp.json_text",
     "pmpnbp.settings",
     "pmpnbp.geometry",
     "pmpnbp.scene",

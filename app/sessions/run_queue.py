@@ -6,13 +6,8 @@ import threading
 from collections import deque
 
 
-<<<<<<<< HEAD:app/sessions/run_queue.py
 class RunQueue:
     """Lets `count` owners run at once; the others queue. Owners are compared by identity. Thread-safe."""
-========
-class FairSemaphore:
-    """`count` slots and the queue before them. Owners are compared by identity. Thread-safe."""
->>>>>>>> 3256e62 (The past, told once: one archive of iterations for sessions and recordings):app/sessions/fair_semaphore.py
 
     def __init__(self, count: int) -> None:
         self._count = count

@@ -15,7 +15,7 @@ export PIP_NO_INPUT := 1
 # Failing tests are run again under either instruction set, which tells whether the processor decides
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile --explain-failures
 
-.PHONY: serve test test-baseline install lint format types benchmark clean system-packages browser
+.PHONY: serve test test-baseline kernels kernels-baseline install lint format types benchmark clean system-packages browser
 .DEFAULT_GOAL := test
 
 ## serve: the server at http://127.0.0.1:8080/ with the sample session open; `make serve SERVE_ARGS="--port 8081"`
@@ -23,13 +23,21 @@ serve: $(SERVE_STAMP)
 	$(BIN)/pmpnbp serve --demo $(SERVE_ARGS)
 
 ## test: format and lint check, type check, tests, then those of numbers as an older processor computes them
-test: browser lint types
+test: browser lint
+	@$(MAKE) --no-print-directory --jobs 3 types kernels kernels-baseline
 	$(PYTEST) $(PYTEST_ARGS)
 	@$(MAKE) --no-print-directory test-baseline
 
 ## test-baseline: the tests of numbers with every library's instruction set back at what all x86-64 processors have
 test-baseline: $(STAMP)
 	@$(BIN)/python -m tests.instruction_sets $(PYTEST) --of-numbers $(PYTEST_ARGS)
+
+# Compiled before the tests, both sets at once: each of their workers would else compile the same
+kernels: $(STAMP)
+	@$(BIN)/python -m app.warm_up
+
+kernels-baseline: $(STAMP)
+	@$(BIN)/python -m tests.instruction_sets $(BIN)/python -m app.warm_up >/dev/null
 
 ## install: .venv with this project, what it needs and what its tests need
 install: $(STAMP)

@@ -2,8 +2,9 @@
 
 A pose is named by its frames, parent first: `pose_world_camera` takes camera coordinates to world coordinates, and
 `multiply(pose_world_camera, pose_camera_link)` is `pose_world_link`. All functions broadcast over leading axes. A
-quaternion and its negative are the same rotation; nothing here prefers either. The two products are compiled: a chain
-of joints multiplies many short arrays, on which NumPy spends ten times longer on bookkeeping than on arithmetic.
+quaternion and its negative are the same rotation; nothing here prefers either. Products and inverses are compiled: a
+chain of joints multiplies many short arrays, on which NumPy spends ten times longer on bookkeeping than on arithmetic.
+For the same reason they are called as NumPy's own ufuncs (`.ufunc`), without numba's wrapper in Python.
 """
 
 from __future__ import annotations
@@ -39,9 +40,36 @@ def _rotate(q, vector, out):  # type: ignore[no-untyped-def]
     )
 
 
+@guvectorize([(float64[:], float64[:], float64[:])], "(n),(n)->(n)", nopython=True, cache=True)
+def _multiply(a, b, out):  # type: ignore[no-untyped-def]
+    w, x, y, z = a[3], a[4], a[5], a[6]
+    cx = y * b[2] - z * b[1] + w * b[0]
+    cy = z * b[0] - x * b[2] + w * b[1]
+    cz = x * b[1] - y * b[0] + w * b[2]
+    out[0] = (b[0] + 2.0 * (y * cz - z * cy)) + a[0]
+    out[1] = (b[1] + 2.0 * (z * cx - x * cz)) + a[1]
+    out[2] = (b[2] + 2.0 * (x * cy - y * cx)) + a[2]
+    out[3] = w * b[3] - x * b[4] - y * b[5] - z * b[6]
+    out[4] = w * b[4] + x * b[3] + y * b[6] - z * b[5]
+    out[5] = w * b[5] - x * b[6] + y * b[3] + z * b[4]
+    out[6] = w * b[6] + x * b[5] - y * b[4] + z * b[3]
+
+
+@guvectorize([(float64[:], float64[:])], "(n)->(n)", nopython=True, cache=True)
+def _inverse(pose, out):  # type: ignore[no-untyped-def]
+    w, x, y, z = pose[3], -pose[4], -pose[5], -pose[6]
+    cx = y * pose[2] - z * pose[1] + w * pose[0]
+    cy = z * pose[0] - x * pose[2] + w * pose[1]
+    cz = x * pose[1] - y * pose[0] + w * pose[2]
+    out[0] = -(pose[0] + 2.0 * (y * cz - z * cy))
+    out[1] = -(pose[1] + 2.0 * (z * cx - x * cz))
+    out[2] = -(pose[2] + 2.0 * (x * cy - y * cx))
+    out[3], out[4], out[5], out[6] = w, x, y, z
+
+
 def quaternion_multiply(a: Array, b: Array) -> Array:
     """Hamilton product of quaternions `a` and `b`, both (..., 4), w x y z."""
-    product: Array = _quaternion_multiply(a, b)
+    product: Array = _quaternion_multiply.ufunc(a, b)
     return product
 
 
@@ -52,24 +80,20 @@ def quaternion_conjugate(q: Array) -> Array:
 
 def rotate(q: Array, vectors: Array) -> Array:
     """Rotate `vectors` (..., 3) by unit quaternions `q` (..., 4), w x y z."""
-    turned: Array = _rotate(q, vectors)
+    turned: Array = _rotate.ufunc(q, vectors)
     return turned
 
 
 def multiply(a: Array, b: Array) -> Array:
     """Compose poses (..., 7): `multiply(pose_a_b, pose_b_c)` is `pose_a_c`."""
-    q = quaternion_multiply(a[..., 3:], b[..., 3:])
-    product = np.empty((*q.shape[:-1], 7))
-    product[..., :3] = rotate(a[..., 3:], b[..., :3])
-    product[..., :3] += a[..., :3]
-    product[..., 3:] = q
+    product: Array = _multiply.ufunc(a, b)
     return product
 
 
 def inverse(pose: Array) -> Array:
     """Inverse of poses (..., 7): `inverse(pose_a_b)` is `pose_b_a`."""
-    q = quaternion_conjugate(pose[..., 3:])
-    return np.concatenate([-rotate(q, pose[..., :3]), q], axis=-1)
+    inverted: Array = _inverse.ufunc(pose)
+    return inverted
 
 
 def transform_points(pose: Array, points: Array) -> Array:

@@ -169,16 +169,16 @@ def searched_with(scene: Problem, **changes: object) -> list[run.IterationReport
 
 def test_what_the_scan_does_not_confirm_is_searched_again(scene: Problem) -> None:
     """Too few proposals to find anything at once: of several searches the best stays."""
-    once, *more = (searched_with(scene, search_explained=1.0, search_restarts=restarts) for restarts in (0, 1, 4))
+    once, *more = (searched_with(scene, search_explained=1.0, search_restarts=restarts) for restarts in (0, 1, 3))
     assert once[-1].notes == ()
-    for reports, restarts in zip(more, (1, 4), strict=True):
+    for reports, restarts in zip(more, (1, 3), strict=True):
         assert [report.iteration for report in reports] == [report.iteration for report in once]
         np.testing.assert_array_equal(reports[-2].belief.poses, once[-2].belief.poses)
         assert f"the search was made {restarts + 1} times" in reports[-1].notes[0]
     scores = [reports[-1].map_score for reports in (once, *more)]
     assert scores == sorted(scores) and scores[-1] > scores[0]
-    again = searched_with(scene, search_explained=1.0, search_restarts=4)[-1]
-    np.testing.assert_array_equal(again.belief.poses, more[-1][-1].belief.poses)
+    again = searched_with(scene, search_explained=1.0, search_restarts=1)[-1]
+    np.testing.assert_array_equal(again.belief.poses, more[0][-1].belief.poses)
 
 
 def test_what_the_scan_confirms_is_not_searched_again(scene: Problem, searched: list[run.IterationReport]) -> None:

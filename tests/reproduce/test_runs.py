@@ -93,7 +93,7 @@ def test_runs_are_spread_over_workers_that_are_killed_and_come_back(
 ) -> None:
     asked = [{"number": number, "folder": str(tmp_path)} for number in range(20)]
     found = []
-    for one in spread(performing.slow, asked, on=cluster.scheduler_address):
+    for one in spread(performing.waiting_for_a_third, asked, on=cluster.scheduler_address):
         found.append(one)
         if len(found) == 4:
             os.kill(one[1]["process"], signal.SIGKILL)  # its nanny starts another

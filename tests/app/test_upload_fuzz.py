@@ -1,4 +1,4 @@
-"""Does any damaged upload hurt the server? A hundred here; `python -m tests.app.mutations URL` sends thousands."""
+"""Does any damaged upload hurt the server? A hundred here; `python -m tests.app.upload_attack URL` sends thousands."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 import httpx
 import pytest
 
-from tests.app import mutations
+from tests.app import mutations, upload_attack
 
 COUNT = 60
 
 
 def test_damaged_uploads_do_no_harm(served: Any) -> None:
-    outcome = mutations.attack(served.client, COUNT, seed=1)
+    outcome = upload_attack.attack(served.client, COUNT, seed=1)
     assert outcome.failures == []
     assert sum(outcome.statuses.values()) == COUNT
     # an attack that is all taken in, or all refused at the door, would test little
@@ -24,7 +24,7 @@ def test_damaged_uploads_do_no_harm(served: Any) -> None:
 
 
 def test_the_unharmed_originals_are_taken_in(served: Any) -> None:
-    answers = [mutations.send(served.client, sample) for sample in mutations.samples()]
+    answers = [upload_attack.send(served.client, sample) for sample in mutations.samples()]
     assert [answer.status_code for answer in answers] == [201] * len(answers)
     kinds = {sample.file_name.rpartition(".")[2] for sample in mutations.samples()}
     assert kinds == {"urdf", "zip", "png", "pcd", "ply", "xyz", "npy", "npz"}
@@ -65,9 +65,9 @@ def _answer(
     ],
 )
 def test_a_bad_answer_is_seen(answer: Callable[[], httpx.Response], says: str) -> None:
-    assert says in (mutations.objection(answer()) or "")
+    assert says in (upload_attack.objection(answer()) or "")
 
 
 def test_a_good_answer_passes() -> None:
-    assert mutations.objection(_answer(422, detail="scan 'x' is damaged")) is None
-    assert mutations.objection(_answer(201, id="0123456789abcdef")) is None
+    assert upload_attack.objection(_answer(422, detail="scan 'x' is damaged")) is None
+    assert upload_attack.objection(_answer(201, id="0123456789abcdef")) is None

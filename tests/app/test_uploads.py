@@ -5,11 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import socket
-import sqlite3
 import threading
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import httpx
@@ -17,52 +15,13 @@ import numpy as np
 import pytest
 
 from pmpnbp.scene.scan_files import load_scan
-from tests.app import mutations
+from tests.app import mutations, upload_attack
+from tests.app.upload_calls import CABINET, detail, emptied, nothing_kept, upload
 
-CABINET = Path(__file__).resolve().parents[2] / "sample_data" / "cabinet"
 CAMERA = (CABINET / "open" / "camera.json").read_text(encoding="utf-8")
 DEPTH = (CABINET / "open" / "depth.png").read_bytes()
 BOUNDARY = "----b"
 FORM = {"Content-Type": f"multipart/form-data; boundary={BOUNDARY}"}
-
-
-def upload(
-    client: httpx.Client, kind: str, name: str, content: Any, headers: dict[str, str] | None = None, **data: str
-) -> httpx.Response:
-    return client.post(f"/api/v1/{kind}", files={"file": (name, content)}, data=data, headers=headers)
-
-
-def detail(answer: httpx.Response, status: int) -> str:
-    """The sentence of a problem with this status."""
-    assert answer.status_code == status, answer.text
-    assert answer.headers["Content-Type"] == "application/problem+json"
-    return str(answer.json()["detail"])
-
-
-def nothing_kept(served: Any) -> bool:
-    folders = ("incoming", "models", "scans", "recordings")
-    return not any(list((served.config.data_dir / folder).iterdir()) for folder in folders)
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """A small recording, as the library writes it."""
-    from pmpnbp.inference import run as engine
-    from pmpnbp.recording import Inputs, RecordingWriter
-    from pmpnbp.scene.prior import load_prior
-    from pmpnbp.scene.urdf import load_model
-    from pmpnbp.settings import preset
-
-    path = tmp_path_factory.mktemp("recording") / "run.sqlite"
-    model = load_model(CABINET / "cabinet.urdf")
-    scan = load_scan(CABINET / "open" / "depth.png", CABINET / "open" / "camera.json")
-    prior = load_prior(CABINET / "open" / "prior.json", model)
-    inputs = Inputs(CABINET / "cabinet.urdf", (scan,), None, prior, preset("robust"), 20, 3)
-    problem = inputs.problem()
-    with RecordingWriter(path, inputs, problem.mrf.model) as writer:
-        state, report = engine.begin(problem)
-        writer.write(report, state)
-    return path.read_bytes()
 
 
 @pytest.fixture(scope="module")
@@ -74,11 +33,7 @@ def one_server(serve_for_module: Callable[..., Any]) -> Any:
 @pytest.fixture
 def served(one_server: Any) -> Any:
     """The server with nothing in its store."""
-    store = one_server.app.state.store
-    for kind in ("models", "scans", "recordings"):
-        for document in store.documents(kind):
-            store.delete(kind, document["id"])
-    return one_server
+    return emptied(one_server)
 
 
 # What is taken in
@@ -131,7 +86,7 @@ def test_a_scan_is_kept_as_the_library_reads_it(served: Any) -> None:
 
 def test_every_format(served: Any) -> None:
     for sample in mutations.samples():
-        document = mutations.send(served.client, sample).json()
+        document = upload_attack.send(served.client, sample).json()
         if sample.kind == "models":
             assert document["name"] == "box_and_tray"
             assert [joint["mimic"] for joint in document["joints"]] == [None, "slide"]
@@ -144,23 +99,6 @@ def test_every_format(served: Any) -> None:
 def test_the_camera_may_be_a_file_too(served: Any) -> None:
     files = {"file": ("depth.png", DEPTH), "camera": ("camera.json", CAMERA.encode())}
     assert served.client.post("/api/v1/scans", files=files).status_code == 201
-
-
-def test_a_recording_comes_back_byte_for_byte(served: Any, recording: bytes) -> None:
-    answer = upload(served.client, "recordings", "my run.db", recording)
-    document = answer.json()
-    assert answer.status_code == 201, answer.text
-    assert (document["model"], document["particles"], document["seed"], document["scans"]) == ("cabinet", 20, 3, 1)
-    assert (document["iterations"], document["first_iteration"], document["last_iteration"]) == (1, 0, 0)
-    assert document["parts"] == ["frame", "drawer1", "drawer2", "drawer3"]
-    path = answer.headers["Location"]
-    file = served.client.get(f"{path}/file")
-    assert file.content == recording
-    assert 'filename="my_run.sqlite"' in file.headers["Content-Disposition"]
-    assert served.client.get(f"{path}/file", headers={"If-None-Match": file.headers["ETag"]}).status_code == 304
-    assert served.client.get("/api/v1/recordings").json() == [document]
-    assert served.client.delete(path).status_code == 204
-    assert "there are 0 recordings" in detail(served.client.get(f"{path}/file"), 404)
 
 
 def test_what_does_not_change_is_not_sent_twice(served: Any) -> None:
@@ -323,14 +261,14 @@ def test_an_upload_streams_through_the_server(served_process: Callable[..., Any]
     process = served_process()
     process.ready()
     upload(process.client, "scans", "a.pcd", b"x" * (4 << 20))
-    before = mutations.memory(process.client)
+    before = upload_attack.memory(process.client)
     peak = [before]
     done = threading.Event()
 
     def watch() -> None:
         with httpx.Client(base_url=process.url, timeout=None) as client:
             while not done.is_set():
-                peak.append(mutations.memory(client))
+                peak.append(upload_attack.memory(client))
 
     watcher = threading.Thread(target=watch)
     watcher.start()
@@ -339,44 +277,3 @@ def test_an_upload_streams_through_the_server(served_process: Callable[..., Any]
     watcher.join()
     assert "scan 'a.pcd'" in detail(answer, 422)
     assert max(peak) - before < 24 << 20
-
-
-# Hostile recordings
-
-
-def test_a_recording_that_would_run_its_senders_queries(served: Any, recording: bytes, tmp_path: Path) -> None:
-    for number, script in enumerate(
-        (
-            "ALTER TABLE arrays RENAME TO a; CREATE VIEW arrays AS SELECT * FROM a",
-            "CREATE TRIGGER t AFTER INSERT ON notes BEGIN DELETE FROM notes; END",
-            "CREATE TABLE x (a INTEGER, b TEXT GENERATED ALWAYS AS (hex(zeroblob(a))))",
-            "CREATE VIRTUAL TABLE v USING fts5(a)",
-            "CREATE INDEX i ON arrays (hex(data))",
-        )
-    ):
-        content = altered(recording, script, tmp_path / f"{number}.sqlite")
-        says = detail(upload(served.client, "recordings", "hostile.sqlite", content), 422)
-        assert "which no recording does" in says
-        assert nothing_kept(served)
-
-
-def test_a_recording_that_lacks_something(served: Any, recording: bytes, tmp_path: Path) -> None:
-    for number, (script, says) in enumerate(
-        {
-            "DELETE FROM iterations": "has no iteration that can be read",
-            "UPDATE model SET zip = x'504b0304'": "is damaged",
-            "UPDATE inputs SET value = '1e999' WHERE name = 'particles'": "is damaged",
-            "DELETE FROM inputs WHERE name = 'prior'": "is damaged",
-        }.items()
-    ):
-        content = altered(recording, script, tmp_path / f"{number}.sqlite")
-        assert says in detail(upload(served.client, "recordings", "damaged.sqlite", content), 422)
-
-
-def altered(recording: bytes, script: str, path: Path) -> bytes:
-    """The recording after an SQL `script`."""
-    path.write_bytes(recording)
-    connection = sqlite3.connect(path)
-    connection.executescript(script)
-    connection.close()
-    return path.read_bytes()

@@ -1,0 +1,100 @@
+"""Is an uploaded recording kept byte for byte, and one that would harm its reader refused?"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pmpnbp.inference import run as engine
+from pmpnbp.recording import Inputs, RecordingWriter
+from pmpnbp.scene.prior import load_prior
+from pmpnbp.scene.scan_files import load_scan
+from pmpnbp.scene.urdf import load_model
+from pmpnbp.settings import preset
+from tests.app.upload_calls import CABINET, detail, emptied, nothing_kept, upload
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A small recording, as the library writes it."""
+    path = tmp_path_factory.mktemp("recording") / "run.sqlite"
+    model = load_model(CABINET / "cabinet.urdf")
+    scan = load_scan(CABINET / "open" / "depth.png", CABINET / "open" / "camera.json")
+    prior = load_prior(CABINET / "open" / "prior.json", model)
+    inputs = Inputs(CABINET / "cabinet.urdf", (scan,), None, prior, preset("robust"), 20, 3)
+    problem = inputs.problem()
+    with RecordingWriter(path, inputs, problem.mrf.model) as writer:
+        state, report = engine.begin(problem)
+        writer.write(report, state)
+    return path.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def one_server(serve_for_module: Callable[..., Any]) -> Any:
+    """One for all tests here: a server that has just started spends its first second on its readers' imports."""
+    return serve_for_module()
+
+
+@pytest.fixture
+def served(one_server: Any) -> Any:
+    """The server with nothing in its store."""
+    return emptied(one_server)
+
+
+def test_a_recording_comes_back_byte_for_byte(served: Any, recording: bytes) -> None:
+    answer = upload(served.client, "recordings", "my run.db", recording)
+    document = answer.json()
+    assert answer.status_code == 201, answer.text
+    assert (document["model"], document["particles"], document["seed"], document["scans"]) == ("cabinet", 20, 3, 1)
+    assert (document["iterations"], document["first_iteration"], document["last_iteration"]) == (1, 0, 0)
+    assert document["parts"] == ["frame", "drawer1", "drawer2", "drawer3"]
+    path = answer.headers["Location"]
+    file = served.client.get(f"{path}/file")
+    assert file.content == recording
+    assert 'filename="my_run.sqlite"' in file.headers["Content-Disposition"]
+    assert served.client.get(f"{path}/file", headers={"If-None-Match": file.headers["ETag"]}).status_code == 304
+    assert served.client.get("/api/v1/recordings").json() == [document]
+    assert served.client.delete(path).status_code == 204
+    assert "there are 0 recordings" in detail(served.client.get(f"{path}/file"), 404)
+
+
+def test_a_recording_that_would_run_its_senders_queries(served: Any, recording: bytes, tmp_path: Path) -> None:
+    for number, script in enumerate(
+        (
+            "ALTER TABLE arrays RENAME TO a; CREATE VIEW arrays AS SELECT * FROM a",
+            "CREATE TRIGGER t AFTER INSERT ON notes BEGIN DELETE FROM notes; END",
+            "CREATE TABLE x (a INTEGER, b TEXT GENERATED ALWAYS AS (hex(zeroblob(a))))",
+            "CREATE VIRTUAL TABLE v USING fts5(a)",
+            "CREATE INDEX i ON arrays (hex(data))",
+        )
+    ):
+        content = altered(recording, script, tmp_path / f"{number}.sqlite")
+        says = detail(upload(served.client, "recordings", "hostile.sqlite", content), 422)
+        assert "which no recording does" in says
+        assert nothing_kept(served)
+
+
+def test_a_recording_that_lacks_something(served: Any, recording: bytes, tmp_path: Path) -> None:
+    for number, (script, says) in enumerate(
+        {
+            "DELETE FROM iterations": "has no iteration that can be read",
+            "UPDATE model SET zip = x'504b0304'": "is damaged",
+            "UPDATE inputs SET value = '1e999' WHERE name = 'particles'": "is damaged",
+            "DELETE FROM inputs WHERE name = 'prior'": "is damaged",
+        }.items()
+    ):
+        content = altered(recording, script, tmp_path / f"{number}.sqlite")
+        assert says in detail(upload(served.client, "recordings", "damaged.sqlite", content), 422)
+
+
+def altered(recording: bytes, script: str, path: Path) -> bytes:
+    """The recording after an SQL `script`."""
+    path.write_bytes(recording)
+    connection = sqlite3.connect(path)
+    connection.executescript(script)
+    connection.close()
+    return path.read_bytes()

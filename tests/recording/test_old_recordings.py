@@ -1,0 +1,83 @@
+"""A recording made before is read as it was: the rows that its session wrote are those that its iterations give today.
+
+`before/format_2.sqlite` is a session's, written by version 0.1.0 in November 2026: the sample cabinet, eight particles,
+six iterations, settings changed after the third.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pmpnbp.inference import run
+from pmpnbp.inference.belief import SOURCES
+from pmpnbp.readout.snapshot import Criteria
+from pmpnbp.recording import IterationArchive, Recording
+
+OLD = Path(__file__).parent / "before" / "format_2.sqlite"
+CRITERIA = Criteria(max_std=0.0025)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return Path(shutil.copy(OLD, tmp_path / "recording.sqlite"))
+
+
+def test_its_iterations_give_the_rows_that_it_was_written_with(path: Path) -> None:
+    """But for the last digits, which another processor may round differently."""
+    with Recording(path) as recording:
+        written = [json.loads(text) for text in recording.summaries()]
+    archive = IterationArchive(path, "recording 'old'", foreign_row=lambda text, model: None)
+    archive.open(CRITERIA)
+    made = [json.loads(row) for row in archive.rows()]
+    assert [row["stage"] for row in made] == ["start", "search", *["belief propagation"] * 4]
+    for mine, theirs in zip(made, written, strict=True):
+        for name in ("iteration", "stage", "seconds", "tolerance", "converged", "certain", "notes"):
+            assert mine[name] == theirs[name], name
+        assert mine["log_likelihood"] == pytest.approx(theirs["log_likelihood"], rel=1e-9)
+        assert mine["effective_sample_size"] == pytest.approx(theirs["effective_sample_size"], rel=1e-9)
+        for link, axes in theirs["std_xyz"].items():
+            assert mine["std_xyz"][link] == pytest.approx(axes, rel=1e-6, abs=1e-12), link
+
+
+def test_its_arrays_are_where_they_were(path: Path) -> None:
+    with Recording(path) as recording:
+        report = recording.report(4)
+        parts = recording.parts
+    assert parts == ("frame", "drawer1", "drawer2", "drawer3")
+    belief, messages = report.belief, report.messages
+    assert belief.poses.shape == (4, 8, 7) and belief.poses.dtype == np.float64
+    np.testing.assert_allclose(np.exp(belief.log_weights).sum(axis=1), 1)
+    np.testing.assert_allclose(np.linalg.norm(belief.poses[..., 3:], axis=-1), 1)
+    assert {SOURCES[source] for source in np.unique(belief.origin.source)} <= {"own", "neighbour"}
+    assert messages is not None
+    np.testing.assert_allclose(np.exp(messages.log_weights).sum(axis=1), 1)
+    assert [(int(s), int(r)) for s, r in zip(messages.sender, messages.receiver, strict=True)] == [
+        (0, 1),
+        (1, 0),
+        (0, 2),
+        (2, 0),
+        (0, 3),
+        (3, 0),
+    ]
+
+
+def test_its_inputs_and_changes_are_those_it_was_made_with(path: Path, tmp_path: Path) -> None:
+    with Recording(path) as recording:
+        inputs = recording.restored_inputs(tmp_path)
+        settings = [recording.settings(number).joint_draws for number in range(7)]
+    assert settings == [8, 8, 8, 8, 3, 3, 3]
+    assert inputs.roi is not None
+    assert inputs.roi.tolist() == [-0.0822, -0.1926, -0.1, 0.8932, 0.7035, 0.85]
+    assert (inputs.particles, inputs.seed, inputs.method) == (8, 11, "pmpnbp")
+
+
+def test_it_is_gone_on_with(path: Path) -> None:
+    archive = IterationArchive(path, "session 'old'")
+    assert [json.loads(change.note)["config"] for change in archive.open(CRITERIA)] == [{"joint_draws": 3}]
+    step = run.following(archive.resume(), archive.problem(6))
+    assert step.iteration == 6 and np.isfinite(step.report.belief.poses).all()

@@ -7,6 +7,7 @@ is imported by the command that needs it, so that `--help` answers at once.
 from __future__ import annotations
 
 import argparse
+import importlib
 import math
 import sys
 from collections.abc import Callable, Sequence
@@ -16,7 +17,7 @@ from typing import Any, NoReturn
 
 from app.server_config import ServerConfig, convert, environment_name
 from pmpnbp.errors import PmpnbpError
-from pmpnbp.settings import METHODS
+from pmpnbp.settings import SessionOptions
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
 EXPERIMENTS = ("convergence", "occlusion", "robot", "planning", "push")
@@ -127,35 +128,14 @@ def _add_estimate(commands: argparse._SubParsersAction[_Parser]) -> None:
         default=[],
         help="camera.json; once for all scans, or once for each in their order",
     )
-    add(
-        "--roi",
-        type=_roi,
-        metavar="X0,Y0,Z0,X1,Y1,Z1",
-        help="the box the object is in, two corners, metres in world; write --roi=… as numbers may be negative",
-    )
-    add("--prior", type=Path, metavar="FILE", help="prior.json; default: upright, anywhere on the points seen")
-    add(
-        "--method",
-        choices=METHODS,
-        default=METHODS[0],
-        help="belief propagation over the parts, or a particle filter over whole objects; default: %(default)s",
-    )
-    add("--particles", type=_whole(2, 20_000), default=400, metavar="N", help="of each part; default: %(default)s")
-    add(
-        "--iterations",
-        type=_whole(0, 100_000),
-        default=100,
-        metavar="N",
-        help="at most; the run ends earlier once converged; default: %(default)s",
-    )
-    add("--seed", type=_whole(0, 2**63 - 1), default=0, metavar="N", help="default: %(default)s")
-    add(
-        "--max-std",
-        type=_length,
-        default=0.0025,
-        metavar="METRES",
-        help="standard deviation up to which a link is certain; default: %(default)s",
-    )
+    for entry in fields(SessionOptions):
+        about, default = entry.metadata, entry.default
+        text = about["help"] + ("" if default is None else f"; default: {default} {about['unit']}".rstrip())
+        if about["choices"]:
+            add(_option(entry.name), choices=about["choices"], default=default, help=text)
+        else:
+            read, metavar = _OPTIONS[entry.name]
+            add(_option(entry.name), type=read, default=default, metavar=metavar, help=text)
     add(
         "--config",
         type=_assignment,
@@ -168,7 +148,7 @@ def _add_estimate(commands: argparse._SubParsersAction[_Parser]) -> None:
     add("--out", type=Path, metavar="FILE", help="where the result goes; default: standard output")
     add("--recording", type=Path, metavar="FILE", help="every iteration, as one SQLite file")
     add("--quiet", action="store_true", help="no progress on standard error")
-    command.set_defaults(run=_estimate)
+    command.set_defaults(run=_later("estimate"))
 
 
 def _add_serve(commands: argparse._SubParsersAction[_Parser]) -> None:
@@ -183,14 +163,13 @@ def _add_serve(commands: argparse._SubParsersAction[_Parser]) -> None:
         about = entry.metadata
         unit = f"{about['unit']} " if about["unit"] and not about["help"].startswith("requests") else ""
         default = "" if about["default"] is None or entry.name == "demo" else f"; default: {about['default']}"
-        option = f"--{entry.name.replace('_', '-')}"
         text = f"{unit}{about['help']}{default} [{environment_name(entry.name)}]"
         if entry.name == "demo":
-            command.add_argument(option, action=argparse.BooleanOptionalAction, help=text)
+            command.add_argument(_option(entry.name), action=argparse.BooleanOptionalAction, help=text)
         else:
             metavar = {"data_dir": "DIR", "host": "ADDRESS", "token": "TOKEN"}.get(entry.name, "N")
-            command.add_argument(option, type=_server_value(entry.name), metavar=metavar, help=text)
-    command.set_defaults(run=_serve)
+            command.add_argument(_option(entry.name), type=_server_value(entry.name), metavar=metavar, help=text)
+    command.set_defaults(run=_later("serve"))
 
 
 def _add_view(commands: argparse._SubParsersAction[_Parser]) -> None:
@@ -207,18 +186,18 @@ def _add_view(commands: argparse._SubParsersAction[_Parser]) -> None:
     command.add_argument(
         "--no-browser", dest="browser", action="store_false", help="print the link only, open no browser"
     )
-    command.set_defaults(run=_view)
+    command.set_defaults(run=_later("view"))
 
 
 def _add_settings(commands: argparse._SubParsersAction[_Parser]) -> None:
     command = commands.add_parser("settings", help="list every setting that --config takes")
-    command.set_defaults(run=_settings)
+    command.set_defaults(run=_later("settings"))
 
 
 def _add_benchmark(commands: argparse._SubParsersAction[_Parser]) -> None:
     command = commands.add_parser("benchmark", help="measure speeds, as ratios against references in the same run")
     command.add_argument("--out", type=Path, metavar="FILE", help="where the figures go, as JSON")
-    command.set_defaults(run=_benchmark)
+    command.set_defaults(run=_later("benchmark"))
 
 
 def _add_reproduce(commands: argparse._SubParsersAction[_Parser]) -> None:
@@ -233,50 +212,23 @@ def _add_reproduce(commands: argparse._SubParsersAction[_Parser]) -> None:
     add("--runs", type=_whole(1, 1000), default=10, metavar="N", help="of each case; default: %(default)s")
     add("--out", type=Path, metavar="DIR", help="where everything goes; default: out/EXPERIMENT")
     add("--seed", type=_whole(0, 2**31), default=0, metavar="N", help="the first run's; default: %(default)s")
-    add("--iterations", type=_whole(1, 100_000), metavar="N", help="default: the experiment's own")
-    add("--particles", type=_whole(2, 20_000), metavar="N", help="of each part; default: the experiment's own")
+    add("--iterations", type=_within("iterations"), metavar="N", help="default: the experiment's own")
+    add("--particles", type=_within("particles"), metavar="N", help="of each part; default: the experiment's own")
     add("--all", action="store_true", help="convergence: every sample scene, not only two cabinets")
     add("--urdf", type=Path, metavar="FILE", help="robot: another robot, in a scan that is rendered of it")
     add("--processes", type=_whole(1, 256), default=1, metavar="N", help="runs at a time; default: %(default)s")
     add("--on", metavar="ADDRESS", help="a Dask scheduler whose workers make the runs, as tcp://host:8786")
-    command.set_defaults(run=_reproduce)
+    command.set_defaults(run=_later("reproduce"))
 
 
-def _estimate(arguments: argparse.Namespace) -> int:
-    from app.commands.estimate import run
-
-    return run(arguments)
-
-
-def _serve(arguments: argparse.Namespace) -> int:
-    from app.commands.serve import run
-
-    return run(arguments)
+def _option(name: str) -> str:
+    """`max_std` as --max-std."""
+    return f"--{name.replace('_', '-')}"
 
 
-def _view(arguments: argparse.Namespace) -> int:
-    from app.commands.view import run
-
-    return run(arguments)
-
-
-def _settings(_: argparse.Namespace) -> int:
-    from app.commands.settings_table import table
-
-    sys.stdout.write(table())
-    return OK
-
-
-def _benchmark(arguments: argparse.Namespace) -> int:
-    from app.commands.benchmark import run
-
-    return run(arguments.out)
-
-
-def _reproduce(arguments: argparse.Namespace) -> int:
-    from app.commands.reproduce import run
-
-    return run(arguments)
+def _later(command: str) -> Callable[[argparse.Namespace], int]:
+    """`run` of a module of `app.commands`, imported when it is called."""
+    return lambda arguments: importlib.import_module(f"app.commands.{command}").run(arguments)
 
 
 def _roi(text: str) -> list[float]:
@@ -300,6 +252,12 @@ def _whole(low: int, high: int) -> Callable[[str], int]:
         return number
 
     return parse
+
+
+def _within(name: str, low: int | None = None) -> Callable[[str], int]:
+    """Reads the whole number that an option is, from `low` on where that is another limit than its own."""
+    about = next(entry.metadata for entry in fields(SessionOptions) if entry.name == name)
+    return _whole(about["low"] if low is None else low, about["high"])
 
 
 def _server_value(name: str) -> Callable[[str], Any]:
@@ -327,6 +285,17 @@ def _assignment(text: str) -> tuple[str, str]:
     if not separator or not name.strip():
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE")
     return name.strip(), value.strip()
+
+
+# How an option's value is read, and what stands for it in the help, where it is not one of a few words.
+_OPTIONS: dict[str, tuple[Callable[[str], Any], str]] = {
+    "particles": (_within("particles"), "N"),
+    "iterations": (_within("iterations", low=0), "N"),  # none at all give the start
+    "seed": (_within("seed"), "N"),
+    "roi": (_roi, "X0,Y0,Z0,X1,Y1,Z1"),
+    "prior": (Path, "FILE"),
+    "max_std": (_length, "METRES"),
+}
 
 
 if __name__ == "__main__":

@@ -15,10 +15,7 @@ from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior, load_prior
 from pmpnbp.scene.urdf import load_model
-from pmpnbp.settings import Settings
-
-# Up to this standard deviation along each axis a link is certain (the paper's 0.25 cm), metres.
-MAX_STD = 0.0025
+from pmpnbp.settings import SessionOptions, Settings
 
 
 def prepare(
@@ -30,7 +27,7 @@ def prepare(
     *,
     particles: int,
     seed: int,
-    method: str = "pmpnbp",
+    method: str = SessionOptions.method,
 ) -> tuple[Problem, Inputs]:
     """The problem, and the inputs that a recording keeps of it.
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
+from dataclasses import fields
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from pmpnbp.settings import Method
+from pmpnbp.settings import Method, SessionOptions
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Until = Literal["iterations", "converged", "certain"]
@@ -45,6 +47,14 @@ Config = Annotated[
 Members = Annotated[dict[str, Any], AfterValidator(_plain)]
 
 
+def _option(name: str, more: str = "", **limits: Any) -> Any:
+    """The member of a request that is the option `name`: its default, limits and help; `more` is what REST adds."""
+    entry = next(entry for entry in fields(SessionOptions) if entry.name == name)
+    low, high = entry.metadata["low"], entry.metadata["high"]
+    limits = {"ge": low if math.isfinite(low) else None, "le": high if math.isfinite(high) else None} | limits
+    return Field(entry.default, description=entry.metadata["help"] + more, **limits)
+
+
 class Body(BaseModel):
     """A request's body: members that are not known are refused."""
 
@@ -62,33 +72,22 @@ class SessionRequest(Body):
         examples=[["0123456789abcdef"]],
     )
     name: str | None = Field(None, description="what people call it", max_length=200, examples=["kitchen"])
-    method: Method = Field(
-        "pmpnbp",
-        description="how to infer: pmpnbp, belief propagation over the parts; or particle_filter, Monte Carlo "
-        "localisation of the object as a whole",
+    method: Method = _option("method")
+    particles: int = _option("particles")
+    iterations: int = _option("iterations", "; `run` makes so many where it is told no number")
+    seed: int = _option("seed")
+    roi: list[Finite] | None = _option(
+        "roi", "; null for the default", min_length=6, max_length=6, examples=[[-0.1, -0.2, -0.1, 0.9, 0.7, 0.9]]
     )
-    particles: int = Field(400, description="particles of each part", ge=2, le=20_000)
-    iterations: int = Field(100, description="iterations that `run` makes where it is told no number", ge=1, le=100_000)
-    seed: int = Field(0, description="the same seed and input give the same numbers", ge=0, le=2**63 - 1)
-    roi: list[Finite] | None = Field(
-        None,
-        description="region of interest x0 y0 z0 x1 y1 z1, metres in world: a box that holds the object; null for all "
-        "that was seen",
-        min_length=6,
-        max_length=6,
-        examples=[[-0.1, -0.2, -0.1, 0.9, 0.7, 0.9]],
-    )
-    prior: Members | None = Field(
-        None,
-        description="as prior.json: {kind: uniform, orientation: upright or any}, or {kind: gaussian, link, pose (of "
-        "the link in world, metres, quaternion x y z w), std_xyz (metres), std_rpy (radians about world's axes), "
-        "joints: {NAME: {position, std}} (metres or radians)}; null for upright, anywhere on the scan",
+    prior: Members | None = _option(
+        "prior",
+        ": {kind: uniform, orientation: upright or any}, or {kind: gaussian, link, pose (of the link in world, metres, "
+        "quaternion x y z w), std_xyz (metres), std_rpy (radians about world's axes), joints: {NAME: {position, std}} "
+        "(metres or radians)}; null for the default",
         examples=[{"kind": "uniform", "orientation": "upright"}],
     )
     config: Config = Field(default_factory=dict)
-    max_std: Finite = Field(
-        0.0025, description="metres: a link is certain where no element of its std_xyz is above", gt=0
-    )
+    max_std: Finite = _option("max_std", "; metres", ge=None, gt=0)
     truth: Members | None = Field(
         None,
         description="where the links really are, where that is known: {links: {NAME: 4x4 T_world_link, row-major, "

@@ -25,7 +25,7 @@ from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.scene.urdf import load_model
-from pmpnbp.settings import Settings, changed, preset
+from pmpnbp.settings import SessionOptions, Settings, changed, preset
 
 CABINET = Path(__file__).resolve().parent.parent / "sample_data" / "cabinet"
 SCENES = ("open", "self_occluded", "arm")
@@ -102,7 +102,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=5, help="runs of each scene")
     parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--particles", type=int, default=400)
+    parser.add_argument("--particles", type=int, default=SessionOptions.particles)
     parser.add_argument("--only", nargs="*", choices=list(ABLATIONS), help="some of the rows")
     parser.add_argument("--start", nargs="*", choices=list(ITERATIONS), default=list(ITERATIONS))
     parser.add_argument("--base", nargs="*", default=[], metavar="name=value", help="settings of all rows but the last")

@@ -20,7 +20,7 @@ from benchmarks.tables import centimetres, markdown, progress, rate
 from benchmarks.trials import Case, Trial, load_case, load_roi, run_trial, warm_kernels
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior, load_prior
 from pmpnbp.scene.urdf import load_model
-from pmpnbp.settings import Settings
+from pmpnbp.settings import SessionOptions, Settings
 from sample_data.scenes import held_out_scene
 
 FIRST_SEED = 100
@@ -50,7 +50,12 @@ def load_scene(kind: str, number: int, parent: Path, settings: Settings) -> tupl
 
 
 def study(
-    scenes: dict[str, int], seeds: int, iterations: int, particles: int, settings: Settings, method: str = "pmpnbp"
+    scenes: dict[str, int],
+    seeds: int,
+    iterations: int,
+    particles: int,
+    settings: Settings,
+    method: str = SessionOptions.method,
 ) -> Iterator[Run]:
     """All runs on as many scenes of each kind as `scenes` says."""
     warm = False

@@ -22,7 +22,7 @@ from benchmarks.trials import Case, Trial, run_trial, shortened, warm_kernels
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run as engine
 from pmpnbp.scene.prior import UniformPrior
-from pmpnbp.settings import Settings, preset
+from pmpnbp.settings import SessionOptions, Settings, preset
 
 PRESETS = ("paper", "robust")
 REFERENCE = "exp, then sort, of a million float64 in NumPy, one thread"
@@ -39,7 +39,7 @@ class Plan:
 
     particles: tuple[int, ...] = (100, 200, 400, 800, 1600, 3200)
     parts: tuple[int, ...] = (4, 12, 24, 48)
-    parts_particles: int = 400
+    parts_particles: int = SessionOptions.particles
     repeats: int = 8
     scenes: tuple[str, ...] = SCENES
     seeds: int = 3

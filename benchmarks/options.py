@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from pmpnbp.settings import METHODS, Settings, changed, preset
+from pmpnbp.settings import METHODS, SessionOptions, Settings, changed, preset
 
 
 def parser(description: str, *, seeds: int, iterations: int) -> argparse.ArgumentParser:
@@ -14,8 +14,10 @@ def parser(description: str, *, seeds: int, iterations: int) -> argparse.Argumen
     options.add_argument(
         "--iterations", type=int, default=iterations, help=f"at most, if it does not converge (default {iterations})"
     )
-    options.add_argument("--particles", type=int, default=400, help="M (default 400)")
-    options.add_argument("--method", choices=METHODS, default=METHODS[0], help="how to infer (default %(default)s)")
+    options.add_argument("--particles", type=int, default=SessionOptions.particles, help="M (default %(default)s)")
+    options.add_argument(
+        "--method", choices=METHODS, default=SessionOptions.method, help="how to infer (default %(default)s)"
+    )
     options.add_argument(
         "--config", action="append", default=[], metavar="NAME=VALUE", help="a setting other than the preset's"
     )

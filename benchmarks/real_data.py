@@ -26,7 +26,7 @@ from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior
 from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.scene.urdf import load_model
-from pmpnbp.settings import Settings
+from pmpnbp.settings import SessionOptions, Settings
 
 DATA = PROJECT.parent / "shared" / "data"
 # The rigid offset, which stands for the camera's calibration, is fitted to the parts of which the image shows this
@@ -110,7 +110,13 @@ class Run:
 
 
 def measure(
-    robot: Robot, seeds: int, iterations: int, particles: int, settings: Settings, data: Path, method: str = "pmpnbp"
+    robot: Robot,
+    seeds: int,
+    iterations: int,
+    particles: int,
+    settings: Settings,
+    data: Path,
+    method: str = SessionOptions.method,
 ) -> list[Run]:
     """All runs of a robot."""
     folder = data / robot.folder

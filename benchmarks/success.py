@@ -17,7 +17,7 @@ from benchmarks.tables import centimetres, markdown, progress, rate
 from benchmarks.trials import PROJECT, Case, Trial, load_case, load_roi, rough_prior, run_trial, warm_kernels
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.scene.urdf import load_model
-from pmpnbp.settings import Settings
+from pmpnbp.settings import SessionOptions, Settings
 
 SCENES = ("open", "self_occluded", "arm", "blanket", "closed")
 TOLERANCE = 0.01
@@ -64,7 +64,7 @@ def study(
     iterations: int,
     particles: int,
     settings: Settings,
-    method: str = "pmpnbp",
+    method: str = SessionOptions.method,
 ) -> list[tuple[Case, int, Trial]]:
     """All runs of a mode: case, seed, trial."""
     found = []

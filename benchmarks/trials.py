@@ -29,7 +29,7 @@ from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.scene.scan_files import load_scan
-from pmpnbp.settings import Settings, changed
+from pmpnbp.settings import SessionOptions, Settings, changed
 
 PROJECT = Path(__file__).resolve().parent.parent
 # A part counts where at least this share of it is seen; what is hidden nearly whole can only be guessed.
@@ -170,8 +170,8 @@ def run_trial(
     *,
     seed: int,
     iterations: int,
-    particles: int = 400,
-    method: str = "pmpnbp",
+    particles: int = SessionOptions.particles,
+    method: str = SessionOptions.method,
     at_least: int = 0,
 ) -> Trial:
     """Run until converged, `iterations` at most; where `at_least` is given, on to that iteration though converged."""
@@ -194,7 +194,7 @@ def timed(
     *,
     seed: int,
     particles: int,
-    method: str = "pmpnbp",
+    method: str = SessionOptions.method,
 ) -> Iterator[Made]:
     """Iterations from the start on, without an end. What is done with one, judging it, takes none of the seconds."""
     start = time.perf_counter()
@@ -220,7 +220,7 @@ def shortened(settings: Settings, *, search: int, anneal: int, refine: int) -> S
     return changed(settings, counts | {"search_iterations_per_joint": 0, "search_restarts": 0})
 
 
-def warm_kernels(case: Case, settings: Settings, method: str = "pmpnbp") -> None:
+def warm_kernels(case: Case, settings: Settings, method: str = SessionOptions.method) -> None:
     """Have every kernel compiled that `settings` use, by a short run that goes through all stages; what it finds is
     of no interest. Without it the first trial of a process would wait for the compiler, or for its cache."""
     short = shortened(settings, search=1, anneal=1, refine=1)

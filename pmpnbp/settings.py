@@ -1,7 +1,8 @@
-"""Every setting of the inference: name, default, unit, one line of help, and its value in the preset `paper`.
+"""What can be asked of an inference: every option and every setting with its name, default, unit, limits and help.
 
-A setting is one entry of `Settings`. Command line, REST, page and documentation are derived from these entries. The
-defaults are the preset `robust`; the preset `paper` turns every deviation from the paper off: algorithm boxes 1 and 2
+An option is one entry of `SessionOptions` and holds for the whole of an inference; a setting is one entry of `Settings`
+and can be changed between iterations. Command line, REST and page are derived from these entries. The defaults of the
+settings are the preset `robust`; the preset `paper` turns every deviation from the paper off: algorithm boxes 1 and 2
 and equations 10 and 11 to the letter. docs/algorithm.md gives the measured reason for each.
 """
 
@@ -33,6 +34,30 @@ def _setting(
     largest value allowed, the latter where a larger one would take all memory and tell nothing more."""
     metadata = {"unit": unit, "help": help_text, "paper": default if paper is None else paper}
     return field(default=default, metadata=metadata | {"low": low, "high": high, "choices": choices})
+
+
+@dataclass(frozen=True)
+class SessionOptions:
+    """What an inference is asked for beside model, scans and settings. `SessionOptions.seed` is its default."""
+
+    method: str = _setting(
+        "pmpnbp", "", "belief propagation over the parts, or a particle filter over whole objects", choices=METHODS
+    )
+    particles: int = _setting(400, "", "particles of each part", low=2, high=20_000)
+    iterations: int = _setting(100, "", "iterations at most; a run may end earlier", low=1, high=100_000)
+    seed: int = _setting(0, "", "the same seed and input give the same numbers", low=0, high=2**63 - 1)
+    roi: tuple[float, ...] | None = _setting(
+        None,
+        "m",
+        "region of interest: x0 y0 z0 x1 y1 z1 of a box that holds the object, world; default: all that was seen",
+    )
+    prior: Mapping[str, Any] | None = _setting(
+        None, "", "what is known beforehand, as prior.json; default: upright, anywhere on the points seen"
+    )
+    # the paper's 0.25 cm
+    max_std: float = _setting(
+        0.0025, "m", "a link is certain where its standard deviation is not larger along any axis; above 0", low=0
+    )
 
 
 @dataclass(frozen=True)

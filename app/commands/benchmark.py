@@ -1,13 +1,35 @@
-"""`pmpnbp benchmark`: runs the workloads in the project's `benchmarks/` folder, which is not installed."""
+"""`pmpnbp benchmark`: runs the workloads of the package `benchmarks`."""
 
 from __future__ import annotations
 
-from pathlib import Path
+import argparse
+import importlib
+from types import ModuleType
 
-from app.commands.checkout import PROJECT, load
+from pmpnbp.errors import PmpnbpError
+
+OK = 0
 
 
-def run(out: Path | None, project: Path = PROJECT) -> int:
-    """Run `benchmarks.run.main(out)` of the folder `project`; return 0. Raises CheckoutError where it is missing."""
-    load("benchmarks.run", project).main(out)
-    return 0
+class MissingPackageError(PmpnbpError):
+    """Something is not installed that only experiments need."""
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure; return 0. Raises PmpnbpError."""
+    load("benchmarks.run").main(arguments.out)
+    return OK
+
+
+def load(module: str) -> ModuleType:
+    """A module of the package `benchmarks`. Raises MissingPackageError where it cannot be imported."""
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name == "matplotlib":
+            raise MissingPackageError("figures need matplotlib: pip install 'pmpnbp[reproduce]'") from None
+        if error.name is None or error.name.split(".")[0] != "benchmarks":
+            raise
+        raise MissingPackageError(
+            f"{error.name} is not here: another package of the name hides it; give pmpnbp an environment of its own"
+        ) from None

@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 OK, INTERRUPTED = 0, 130
 
 
+class InputError(PmpnbpError):
+    """A file that the command line names is not there."""
+
+
 class OutputError(PmpnbpError):
     """The result cannot be written where it was asked for."""
 
@@ -32,6 +36,7 @@ class OutputError(PmpnbpError):
 def run(arguments: argparse.Namespace) -> int:
     """Do it and return the exit status. Raises PmpnbpError for bad input, before anything is written."""
     _check_outputs(arguments.out, arguments.recording)
+    _check_inputs(arguments)
     cameras = _cameras(arguments.camera, arguments.scans)
     announce(arguments.quiet)
     # imported here: it compiles a kernel, before which a word is said
@@ -123,6 +128,16 @@ def _truth(path: Path) -> dict[str, Any]:
     from app.truth_file import load_truth
 
     return load_truth(path)
+
+
+def _check_inputs(arguments: argparse.Namespace) -> None:
+    """Raise for the first file that is missing, in the order in which the command line names them."""
+    named = [("model", arguments.model)]
+    named += [("scan", path) for path in arguments.scans] + [("camera file", path) for path in arguments.camera]
+    named += [("prior file", arguments.prior), ("truth file", arguments.truth)]
+    for what, path in named:
+        if path is not None and not path.exists():
+            raise InputError(f"{what} '{path.name}' is not there")
 
 
 def _check_outputs(out: Path | None, recording: Path | None) -> None:

@@ -25,6 +25,7 @@ from pmpnbp.geometry import poses
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.estimate import parts_of_links
 from pmpnbp.readout.snapshot import Snapshot
+from pmpnbp.settings import SessionOptions
 
 router = APIRouter(prefix="/api/v1", tags=["results"])
 
@@ -217,7 +218,8 @@ def get_decision(
         str | None, Query(description="names of the links, separated by commas; default: all", examples=["drawer3"])
     ] = None,
     max_std: Annotated[
-        float | None, Query(gt=0, le=1e6, description="metres; default: the session's", examples=[0.0025])
+        float | None,
+        Query(gt=0, le=1e6, description="metres; default: the session's", examples=[SessionOptions.max_std]),
     ] = None,
 ) -> Any:
     """Decide by the belief's covariance."""

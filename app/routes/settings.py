@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import fields
-from typing import Any
+from typing import Any, cast
 
 from fastapi import APIRouter
 from pydantic import BaseModel, Field
 
-from pmpnbp.settings import Settings
+from pmpnbp.settings import SessionOptions, Settings
 
 router = APIRouter(prefix="/api/v1", tags=["settings"])
 
@@ -29,10 +30,11 @@ class Setting(BaseModel):
 
 
 class AllSettings(BaseModel):
-    """Every setting and preset."""
+    """Every setting and preset, and the options that are numbers or words."""
 
     presets: list[str] = Field(description="values that `preset` in a `config` takes", examples=[["robust", "paper"]])
     settings: list[Setting] = Field(description="in the order of the stages they belong to")
+    options: list[Setting] = Field(description="what a session is created with and keeps: its members, not its config")
 
 
 _KINDS: dict[type, str] = {bool: "boolean", int: "integer", float: "number", str: "string"}
@@ -42,19 +44,20 @@ _KINDS: dict[type, str] = {bool: "boolean", int: "integer", float: "number", str
 def list_settings() -> AllSettings:
     """Name, default, unit and one line of help of everything that a session's `config` takes; lengths are in metres,
     angles in radians."""
-    defaults: dict[str, Any] = vars(Settings())
-    entries = [
-        Setting(
-            name=entry.name,
-            kind=_KINDS[type(defaults[entry.name])],
-            default=defaults[entry.name],
-            paper=entry.metadata["paper"],
-            unit=entry.metadata["unit"],
-            help=entry.metadata["help"],
-            low=entry.metadata["low"] if math.isfinite(entry.metadata["low"]) else None,
-            high=entry.metadata["high"] if math.isfinite(entry.metadata["high"]) else None,
-            choices=list(entry.metadata["choices"]),
-        )
-        for entry in fields(Settings)
-    ]
-    return AllSettings(presets=["robust", "paper"], settings=entries)
+    options = [_described(entry) for entry in fields(SessionOptions) if entry.default is not None]
+    return AllSettings(presets=["robust", "paper"], settings=[*map(_described, fields(Settings))], options=options)
+
+
+def _described(entry: dataclasses.Field[Any]) -> Setting:
+    about, default = entry.metadata, cast(bool | int | float | str, entry.default)
+    return Setting(
+        name=entry.name,
+        kind=_KINDS[type(default)],
+        default=default,
+        paper=about["paper"],
+        unit=about["unit"],
+        help=about["help"],
+        low=about["low"] if math.isfinite(about["low"]) else None,
+        high=about["high"] if math.isfinite(about["high"]) else None,
+        choices=list(about["choices"]),
+    )

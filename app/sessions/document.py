@@ -15,7 +15,7 @@ from app.truth_file import truth_of
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.snapshot import Criteria
 from pmpnbp.recording import Inputs
-from pmpnbp.settings import Settings, changed, preset
+from pmpnbp.settings import SessionOptions, Settings, changed, preset
 
 Document = dict[str, Any]
 
@@ -73,7 +73,7 @@ def criteria(document: Mapping[str, Any]) -> Criteria:
     """By what a session's iterations are judged. Raises ScanError for a truth that is none."""
     truth = document.get("truth")
     return Criteria(
-        max_std=document.get("max_std") or estimation.MAX_STD,
+        max_std=document.get("max_std") or SessionOptions.max_std,
         truth=None if truth is None else truth_of(truth, "the truth"),
     )
 

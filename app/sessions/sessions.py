@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 from app.problems import HttpProblem
@@ -20,20 +21,10 @@ from app.sessions.source import Source
 from app.sessions.uploaded import UploadedRecording
 from app.sessions.worker import share_interpreter
 from app.store.store import Store
+from pmpnbp.settings import SessionOptions
 
 # A session as it is asked for, where nothing is said.
-DEFAULTS: Mapping[str, Any] = {
-    "name": None,
-    "method": "pmpnbp",
-    "particles": 400,
-    "iterations": 100,
-    "seed": 0,
-    "roi": None,
-    "prior": None,
-    "config": {},
-    "max_std": 0.0025,
-    "truth": None,
-}
+DEFAULTS: Mapping[str, Any] = {"name": None, **asdict(SessionOptions()), "config": {}, "truth": None}
 
 _log = logging.getLogger("pmpnbp.server")
 
@@ -156,7 +147,7 @@ class Sessions:
             thread.join()
 
     def demo(self) -> Session | None:
-        """Make, or find, the sample session, and run it; None where the sample data is not there."""
+        """Make, or find, the sample session, and run it; None where it cannot be made, as on a full disk."""
         with self._lock:
             found = next((session for session in self._sessions.values() if session.status()["name"] == NAME), None)
         if found is None:
@@ -171,13 +162,8 @@ class Sessions:
         return found
 
     def sample(self, scene: str) -> Session:
-        """A new session at iteration 0 that looks at a scene of `sample.SAMPLES`. HttpProblem 404 without the data."""
-        document = sample_document(self._store, self._config, scene)
-        if document is None:
-            raise HttpProblem(
-                404, "the sample data is not here: it lies beside the program's source and is not installed"
-            )
-        return self.create(document)
+        """A new session at iteration 0 that looks at a scene of `sample.SAMPLES`."""
+        return self.create(sample_document(self._store, self._config, scene))
 
     def _open(self, id: str) -> UploadedRecording | None:
         """The recording of that id, opened where it is not yet; None where it is not in the store."""

@@ -11,7 +11,6 @@ from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from app import estimation
 from app.problems import HttpProblem
 from app.sessions.events import Events
 from app.sessions.source import Source, no_view
@@ -24,7 +23,7 @@ from pmpnbp.recording import Change, Inputs, IterationArchive, Recording
 from pmpnbp.recording.trace_rows import event_of
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
-from pmpnbp.settings import Settings
+from pmpnbp.settings import SessionOptions, Settings
 
 
 class UploadedRecording(Source):
@@ -38,7 +37,7 @@ class UploadedRecording(Source):
         self._inputs: Inputs | None = None
         self._changes: list[dict[str, Any]] = []
         try:
-            changes = archive.open(Criteria(max_std=estimation.MAX_STD))
+            changes = archive.open(Criteria(max_std=SessionOptions.max_std))
             reached = max([archive.iteration, *(change.after_iteration + 1 for change in changes)])
             with Recording(path) as recording, TemporaryDirectory(prefix="recording-") as folder:
                 self._inputs = recording.restored_inputs(Path(folder), reached)
@@ -71,7 +70,7 @@ class UploadedRecording(Source):
             "roi": None if inputs is None or inputs.roi is None else inputs.roi.tolist(),
             "prior": None if inputs is None else without_nan(_prior_members(inputs.prior)),
             "config": {} if inputs is None else without_nan(asdict(inputs.settings)),
-            "max_std": estimation.MAX_STD,
+            "max_std": SessionOptions.max_std,
             "created": self._document["created"],
         }
 

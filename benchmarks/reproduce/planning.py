@@ -26,6 +26,7 @@ from benchmarks.reproduce.reports import Claim, Table
 from benchmarks.reproduce.scene_runs import LAST, asked_of, case_of, perform, scene_scan
 from benchmarks.tables import markdown, rate
 from pmpnbp.geometry.poses import Array
+from pmpnbp.settings import SessionOptions
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ WAYS = {
 }
 ITERATIONS, PARTICLES = 100, 400
 # Metres: up to this standard deviation along each axis a link is certain; and the error up to which that is right.
-MAX_STD, RIGHT = 0.0025, 0.01
+MAX_STD, RIGHT = SessionOptions.max_std, 0.01
 # What deviations are, in a sentence.
 OF_BOTH = "of draws given the scan, or of the belief's particles, which follow the algorithm's own diffusion"
 # Of the belief in an ellipsoid.

@@ -88,8 +88,8 @@ def _on_dask(perform: Perform, asked: Sequence[Asked], address: str) -> Iterator
                     ) from None
                 except ModuleNotFoundError as error:
                     raise ReproduceError(
-                        f"scheduler or workers at '{address}' do not find '{error.name}'; start them in a checkout of "
-                        f"the project, with PYTHONPATH=. and the same packages"
+                        f"scheduler or workers at '{address}' do not find '{error.name}'; install the same "
+                        f"version of pmpnbp there"
                     ) from None
         finally:
             client.cancel(list(waiting))

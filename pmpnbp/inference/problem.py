@@ -16,7 +16,7 @@ from pmpnbp.potentials.unary import PixelScore, Renderer, unary_scores
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
-from pmpnbp.settings import Schedule, Settings, check_method, schedule
+from pmpnbp.settings import Schedule, SessionOptions, Settings, check_method, schedule
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,9 +111,9 @@ def build(
     prior: UniformPrior | GaussianPrior,
     settings: Settings,
     *,
-    particles: int = 400,
-    seed: int = 0,
-    method: str = "pmpnbp",
+    particles: int = SessionOptions.particles,
+    seed: int = SessionOptions.seed,
+    method: str = SessionOptions.method,
 ) -> Problem:
     """Prepare the inputs: splat models of the parts, the MRF, the prior in the frame of its part.
 

@@ -22,6 +22,7 @@ from pmpnbp.potentials.unary import visible_fractions
 from pmpnbp.readout import posterior
 from pmpnbp.readout.metrics import add, add_s, model_points
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
+from pmpnbp.settings import SessionOptions
 
 SCHEMA = "pmpnbp/estimate-1"
 # The scan may be this much in front of a part's surface, metres, and still be the part: noise, a slightly wrong pose.
@@ -155,7 +156,7 @@ def estimate(
     report: IterationReport,
     placed: Placement | None = None,
     *,
-    max_std: float = 0.0025,
+    max_std: float = SessionOptions.max_std,
     converged: bool = False,
     seconds: float = 0.0,
 ) -> Estimate:

@@ -27,7 +27,7 @@ from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.scene.urdf import load_model
-from pmpnbp.settings import Settings, changed, preset
+from pmpnbp.settings import SessionOptions, Settings, changed, preset
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Inputs:
     settings: Settings
     particles: int
     seed: int
-    method: str = "pmpnbp"
+    method: str = SessionOptions.method
 
     def problem(self) -> Problem:
         """The problem these make. Raises PmpnbpError where they do not."""

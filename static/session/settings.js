@@ -26,7 +26,10 @@ export async function install() {
     startAnother({ method, particles }, what, (text) => say(find("anew-error"), text));
   });
   on(["session"], show);
-  entries = (await call("/api/v1/settings")).settings;
+  const { settings, options } = await call("/api/v1/settings");
+  entries = settings;
+  const { low, high } = options.find((option) => option.name === "particles");
+  Object.assign(find("particle-count"), { min: low, max: high });
   let group = null;
   for (const entry of entries) {
     if (STAGES[entry.name] || !group) {
@@ -88,7 +91,7 @@ function show() {
   }
   if (!find("anew").contains(document.activeElement)) {
     find("method").value = session.method ?? "pmpnbp";
-    find("particle-count").value = session.particles ?? 400;
+    find("particle-count").value = session.particles ?? "";
   }
   find("anew-start").disabled = fixed;
 }

@@ -83,7 +83,7 @@ export const newest = () => state.rows.at(-1)?.iteration ?? state.session?.itera
 export const oldest = () => state.rows[0]?.iteration ?? 0;
 export const isLive = () => state.view.iteration === null;
 export const shown = () => (isLive() ? newest() : Math.min(state.view.iteration, newest()));
-export const maxStd = () => state.session?.max_std ?? 0.0025;
+export const maxStd = () => state.session?.max_std ?? null;
 
 // The trace's row of an iteration, or the last before it where it was not recorded.
 export function rowAt(iteration) {

@@ -12,7 +12,7 @@ const region = () => [...find("region").querySelectorAll("input")];
 const chosen = () => [...find("scan-choices").querySelectorAll("input:checked")].map((box) => box.value);
 const priorKind = () => find("create").elements.prior.value;
 
-export function fillForm() {
+export async function fillForm() {
   onChange(() => {
     fillModels();
     fillScans();
@@ -25,6 +25,14 @@ export function fillForm() {
     const [file] = event.target.files;
     if (file) setPrior(await file.text());
   });
+  const { options } = await call("/api/v1/settings").catch(() => ({ options: [] }));
+  for (const { name, default: value, low, high } of options) {
+    if (!NUMBERS.includes(name)) continue;
+    const input = find(name);
+    input.min = low;
+    input.max = Math.min(high, Number.MAX_SAFE_INTEGER);
+    input.value ||= value;
+  }
   about();
 }
 

@@ -1,10 +1,18 @@
-"""What can be set? Every entry of `pmpnbp.settings` as lines of text."""
+"""`pmpnbp settings`: every entry of `pmpnbp.settings.Settings` as lines of text."""
 
 from __future__ import annotations
 
+import argparse
+import sys
 from dataclasses import fields
 
 from pmpnbp.settings import Settings
+
+
+def run(_: argparse.Namespace) -> int:
+    """Print the table; return 0."""
+    sys.stdout.write(table())
+    return 0
 
 
 def table() -> str:

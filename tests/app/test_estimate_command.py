@@ -1,0 +1,198 @@
+"""`pmpnbp estimate` from its arguments to the result: members of result.json, recordings, interrupts, repeatability."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.cli import main
+from pmpnbp.recording import Recording
+from tests.app.command_line import CABINET, CAMERA, DEPTH, MODEL, ROI, ROOT, SCAN, SCENE, Capture
+
+# As much of the algorithm as a test of the command line needs.
+QUICK = [
+    "--particles",
+    "40",
+    "--iterations",
+    "4",
+    "--config",
+    "search_proposals=300",
+    "--config",
+    "search_iterations=2",
+]
+
+
+def checked_pose(pose: dict[str, Any]) -> None:
+    assert list(pose) == ["position", "orientation"]
+    assert list(pose["position"]) == ["x", "y", "z"]
+    assert list(pose["orientation"]) == ["x", "y", "z", "w"]
+    assert np.linalg.norm(list(pose["orientation"].values())) == pytest.approx(1.0)
+
+
+def checked_covariance(numbers: list[float]) -> None:
+    matrix = np.array(numbers).reshape(6, 6)
+    np.testing.assert_allclose(matrix, matrix.T, atol=1e-15)
+    assert np.linalg.eigvalsh(matrix).min() > -1e-12
+
+
+def checked(result: dict[str, Any], method: str = "pmpnbp") -> None:
+    """That a result has the contract's members, no others, and values that they can have."""
+    assert list(result) == [
+        "schema",
+        "model",
+        "method",
+        "seed",
+        "iteration",
+        "converged",
+        "frame_id",
+        "stamp",
+        "certain",
+        "max_std",
+        "seconds",
+        "links",
+        "joints",
+    ]
+    assert (result["schema"], result["model"], result["method"]) == ("pmpnbp/estimate-1", "cabinet", method)
+    assert set(result["links"]) == {"frame"} | {f"{what}{k}" for what in ("drawer", "handle") for k in (1, 2, 3)}
+    for link in result["links"].values():
+        assert list(link) == ["pose", "covariance", "std_xyz", "certain", "visible_fraction", "log_likelihood", "modes"]
+        checked_pose(link["pose"])
+        checked_covariance(link["covariance"])
+        assert link["certain"] == (max(link["std_xyz"]) <= result["max_std"])
+        assert 0 <= link["visible_fraction"] <= 1
+        assert 1 <= len(link["modes"]) <= 5
+        assert sum(mode["weight"] for mode in link["modes"]) <= 1 + 1e-9
+        for mode in link["modes"]:
+            assert list(mode) == ["weight", "pose", "covariance"]
+            checked_pose(mode["pose"])
+            checked_covariance(mode["covariance"])
+    assert result["certain"] == all(link["certain"] for link in result["links"].values())
+    assert list(result["joints"]) == ["slide1", "slide2", "slide3"]
+    for k, joint in enumerate(result["joints"].values(), 1):
+        assert list(joint) == ["type", "position", "std", "lower", "upper", "parent", "child"]
+        assert (joint["type"], joint["parent"], joint["child"]) == ("prismatic", "frame", f"drawer{k}")
+        assert joint["lower"] <= joint["position"] <= joint["upper"]
+        assert joint["std"] >= 0
+
+
+def test_the_open_cabinet_is_found(tmp_path: Path, capsys: Capture) -> None:
+    out = tmp_path / "result.json"
+    recording = tmp_path / "run.sqlite"
+    truth = ["--truth", str(SCENE / "truth.json")]
+    assert main(["estimate", *SCAN, *truth, "--out", str(out), "--recording", str(recording)]) == 0
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "converged" in printed.err
+    result = json.loads(out.read_text())
+    errors = result.pop("truth")
+    checked(result)
+    assert result["converged"] and result["iteration"] < 100
+    assert list(errors["parts"]) == ["frame", "drawer1", "drawer2", "drawer3"]
+    assert max(error["add"] for error in errors["parts"].values()) < 0.01
+    assert max(error["add_s"] for error in errors["parts"].values()) < 0.01
+    assert max(abs(error) for error in errors["joints"].values()) < 0.01
+    with Recording(recording) as recorded:
+        assert recorded.iterations() == list(range(result["iteration"] + 1))
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["result.json", "run.sqlite"]
+
+
+def test_the_particle_filter_infers_and_is_recorded(tmp_path: Path, capsys: Capture) -> None:
+    recording = tmp_path / "run.sqlite"
+    arguments = ["estimate", *SCAN, *QUICK, "--method", "particle_filter", "--recording", str(recording)]
+    assert main(arguments) == 0
+    printed = capsys.readouterr()
+    assert "particle filter" in printed.err
+    checked(json.loads(printed.out), "particle_filter")
+    with Recording(recording) as recorded:
+        assert recorded.inputs()["method"] == recorded.problem().method == "particle_filter"
+        assert [recorded.report(k).stage for k in (2, 3, 4)] == ["search", "particle filter", "particle filter"]
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_what_the_inference_remarks_is_told(quiet: bool, capsys: Capture) -> None:
+    again = ["--config", "search_explained=1", "--config", "search_restarts=1"]
+    assert main(["estimate", *SCAN, *QUICK, *again, *["--quiet"] * quiet]) == 0
+    printed = capsys.readouterr()
+    checked(json.loads(printed.out))
+    assert ("iteration 2: the search was made 2 times" in printed.err) is not quiet
+
+
+def test_the_installed_way_of_calling_it_prints_the_result() -> None:
+    program = [sys.executable, "-m", "app.cli", "estimate", *SCAN, *QUICK]
+    done = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, check=True)
+    result = json.loads(done.stdout)
+    checked(result)
+    assert result["iteration"] == 4
+    assert "belief propagation" in done.stderr
+
+
+def test_the_same_seed_gives_the_same_bytes_but_for_the_seconds(capsys: Capture) -> None:
+    printed = []
+    for seed in ("7", "7", "8"):
+        assert main(["estimate", *SCAN, *QUICK, "--seed", seed, "--quiet"]) == 0
+        out, err = capsys.readouterr()
+        assert err == "" or "compiling" in err
+        printed.append([line for line in out.splitlines() if not line.startswith(' "seconds"')])
+    assert printed[0] == printed[1]
+    assert printed[0] != printed[2]
+
+
+def test_prior_views_zip_and_preset_are_taken(tmp_path: Path, capsys: Capture) -> None:
+    model = tmp_path / "cabinet.zip"
+    with zipfile.ZipFile(model, "w") as archive:
+        archive.write(MODEL, "somewhere/cabinet.urdf")
+    second = CABINET / "second_view"
+    arguments = [
+        str(model),
+        DEPTH,
+        "--camera",
+        CAMERA,
+        str(second / "depth.png"),
+        "--camera",
+        str(second / "camera.json"),
+    ]
+    arguments += ["--roi", ROI, "--prior", str(CABINET / "prior.json"), "--config", "preset=paper", "--quiet"]
+    assert main(["estimate", *arguments, "--particles", "30", "--iterations", "2", "--max-std", "0.5"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    checked(result)
+    assert (result["iteration"], result["max_std"]) == (2, 0.5)
+
+
+def test_no_iterations_give_the_start(capsys: Capture) -> None:
+    assert main(["estimate", *SCAN, "--iterations", "0", "--particles", "40", "--quiet"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    checked(result)
+    assert (result["iteration"], result["converged"]) == (0, False)
+
+
+def test_interrupted_it_still_writes_what_it_found(tmp_path: Path) -> None:
+    out = tmp_path / "result.json"
+    program = [sys.executable, "-m", "app.cli", "estimate", *SCAN, *QUICK, "--iterations", "100000"]
+    program += ["--config", "converged_motion=0", "--out", str(out), "--recording", str(tmp_path / "run.sqlite")]
+    with subprocess.Popen(program, cwd=ROOT, stderr=subprocess.PIPE) as process:
+        assert process.stderr is not None
+        said = b""
+        while b"belief propagation" not in said:
+            piece = os.read(process.stderr.fileno(), 4096)
+            assert piece, said.decode()
+            said += piece
+        process.send_signal(signal.SIGINT)
+        said += process.stderr.read()
+    assert process.returncode == 130
+    last = said.decode().splitlines()[-1]
+    result = json.loads(out.read_text())
+    checked(result)
+    expected = f"interrupted after iteration {result['iteration']}, what was found so far is in 'result.json'"
+    assert last == f"pmpnbp estimate: {expected}"
+    with Recording(tmp_path / "run.sqlite") as recording:
+        # an interrupt may come between an iteration and its being recorded
+        assert recording.iterations()[-1] in (result["iteration"], result["iteration"] - 1)

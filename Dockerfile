@@ -20,15 +20,19 @@ COPY pmpnbp/__init__.py pmpnbp/__init__.py
 COPY app/__init__.py app/__init__.py
 RUN python -m venv --without-pip /opt/venv \
     && /usr/local/bin/python -m pip --python /opt/venv install --no-cache-dir --no-compile --disable-pip-version-check \
-        --editable . --constraint constraints.txt \
+        . --constraint constraints.txt \
     && rm -f /opt/venv/lib/python3.11/site-packages/open3d/open3d_tf_ops.so \
         /opt/venv/lib/python3.11/site-packages/open3d/open3d_torch_ops.so
 COPY pmpnbp pmpnbp
 COPY app app
 COPY static static
 COPY sample_data sample_data
+COPY benchmarks benchmarks
 # Compiled code is valid for a source file's time of change, of which an image's layers keep whole seconds only.
-RUN find /srv/pmpnbp -exec touch --date=2020-01-01T00:00:00Z {} + \
+RUN /usr/local/bin/python -m pip --python /opt/venv install --no-cache-dir --no-compile --disable-pip-version-check \
+        --no-deps --force-reinstall . \
+    && cd /opt/venv/lib/python3.11/site-packages \
+    && find app benchmarks pmpnbp sample_data -exec touch --date=2020-01-01T00:00:00Z {} + \
     && python -m app.warm_up \
     && python -c "import app.uploads.parse_worker, app.commands.serve, pyrender"
 
@@ -36,14 +40,13 @@ FROM base
 RUN useradd --system --uid 10001 --no-create-home --home-dir /tmp --shell /usr/sbin/nologin pmpnbp \
     && install --directory --owner=pmpnbp --mode=0750 /data
 COPY --from=build /opt/venv /opt/venv
-COPY --from=build /srv/pmpnbp /srv/pmpnbp
 # Its own, as another kind of processor than the one that built the image compiles its kernels at the first start.
 COPY --from=build --chown=pmpnbp /var/cache/pmpnbp /var/cache/pmpnbp
 ENV HOME=/tmp \
     PMPNBP_HOST=0.0.0.0 \
     PMPNBP_PORT=8080 \
     PMPNBP_DATA_DIR=/data
-WORKDIR /srv/pmpnbp
+WORKDIR /
 USER pmpnbp
 VOLUME /data
 EXPOSE 8080

@@ -106,7 +106,9 @@ def test_what_is_copied_exists_and_is_not_ignored(
         if "from" not in options
         for source in sources
     ]
-    assert {"pyproject.toml", "constraints.txt", "pmpnbp", "app", "static", "sample_data"} <= set(from_here)
+    assert {"pyproject.toml", "constraints.txt", "pmpnbp", "app", "static", "sample_data", "benchmarks"} <= set(
+        from_here
+    )
     for source in from_here:
         assert (repository / source).exists(), source
         assert not ignored(source, patterns), source
@@ -170,7 +172,9 @@ def test_commands_are_lists_that_run_what_there_is(repository: Path, stages: lis
     assert (python, flag) == ("python", "-c")
     compile(script, "health check", "exec")
     assert "/healthz" in script
-    for module in re.findall(r"python -m (app\.\w+)", " ".join(rest for _, rest in stages[1])):
+    modules = re.findall(r"python -m (app\.\w+)", " ".join(rest for _, rest in stages[1]))
+    assert modules
+    for module in modules:
         assert (repository / (module.replace(".", "/") + ".py")).is_file()
 
 

@@ -69,8 +69,7 @@ def serve(config: ServerConfig, level: int, opened: Callable[[FastAPI, ServerCon
     Raises PmpnbpError for settings that cannot be, and whatever `opened` does.
     """
     logging.basicConfig(level=level, format="%(levelname)s: %(name)s: %(message)s", stream=sys.stderr)
-    # Requests are counted at /metrics; at this level each client's would be a line
-    logging.getLogger("httpx").setLevel(logging.WARNING)
+    quiet_libraries()
     listening = _listen(config)
     config = replace(config, port=listening.getsockname()[1])
     from app.server import close_all, create_app, open_all  # seconds of imports: bad settings are said before
@@ -89,6 +88,12 @@ def serve(config: ServerConfig, level: int, opened: Callable[[FastAPI, ServerCon
     if not server.started:
         raise ServeError("the server did not start; the lines above say why")
     return OK
+
+
+def quiet_libraries() -> None:
+    """Leave what comes and goes out of the log: requests are counted at /metrics, and a 3D view's connections too."""
+    for library in ("httpx", "websockets"):
+        logging.getLogger(library).setLevel(logging.WARNING)
 
 
 def say(line: str) -> None:

@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 from app.problems import responses
 from app.routes.parameters import sessions_of
 from app.schemas import Body, Session, answer
-from app.sessions.sample import SAMPLES, sample_data
+from app.sessions.sample import SAMPLES
 
 router = APIRouter(prefix="/api/v1", tags=["sessions"])
 
@@ -38,12 +38,9 @@ class SampleRequest(Body):
     response_model=list[SampleScene],
     operation_id="list_samples",
     summary="Scenes of the sample data",
-    description="Empty where the server was installed without the sample data.",
 )
 def list_samples() -> Any:
     """Every scene that a sample session can look at."""
-    if sample_data() is None:
-        return []
     return [{"scene": sample.scene, "name": sample.name, "about": sample.about} for sample in SAMPLES]
 
 
@@ -55,8 +52,7 @@ def list_samples() -> Any:
     summary="Open a sample session",
     description="A new session with model, scan, region of interest and truth of a sample scene. Model and scan are "
     "kept once, however many sessions look at them.",
-    responses=answer("Made, and safe on the disk.", status=201, headers=_LOCATION)
-    | responses(409, 507, status_404="The server was installed without the sample data."),
+    responses=answer("Made, and safe on the disk.", status=201, headers=_LOCATION) | responses(409, 507),
 )
 def create_sample_session(body: SampleRequest, request: Request, response: Response) -> Any:
     """Make it and, where it was asked for, set it going."""

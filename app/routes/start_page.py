@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from fastapi import APIRouter
@@ -12,8 +11,8 @@ from app.problems import HttpProblem
 
 router = APIRouter(include_in_schema=False)
 
-_PLACES = (Path(__file__).resolve().parents[2] / "static", Path(sys.prefix) / "share" / "pmpnbp" / "static")
-STATIC = next((place for place in _PLACES if (place / "index.html").is_file()), _PLACES[0])
+# In a checkout a link to the folder `static` beside `app`; in a wheel its files.
+STATIC = Path(__file__).resolve().parents[1] / "static"
 # What may be asked for, and as what it is sent; nothing else in the folder, and nothing outside it, can be reached.
 MEDIA_TYPES = {
     ".html": "text/html; charset=utf-8",

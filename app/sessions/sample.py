@@ -7,6 +7,7 @@ import json
 import shutil
 import zipfile
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -89,22 +90,14 @@ SAMPLES = (
 NAME = SAMPLES[0].name
 
 
-def sample_data() -> Path | None:
-    """The folder of the sample data, which is not installed: beside the package or in the working folder, else None."""
-    places = (Path(__file__).resolve().parents[2] / "sample_data", Path.cwd() / "sample_data")
-    return next((place for place in places if (place / "cabinet" / "open").is_dir()), None)
-
-
-def sample_document(store: Store, config: ServerConfig, scene: str = "open") -> dict[str, Any] | None:
-    """What `Sessions.create` takes for the sample `scene`; None where there is no sample data.
+def sample_document(store: Store, config: ServerConfig, scene: str = "open") -> dict[str, Any]:
+    """What `Sessions.create` takes for the sample `scene`.
 
     Model and scan are put into the store unless they are there from a sample before. Raises KeyError for a scene that
     SAMPLES does not have.
     """
     sample = {known.scene: known for known in SAMPLES}[scene]
-    root = sample_data()
-    if root is None:
-        return None
+    root = Path(str(files("sample_data")))
     place = root / sample.folder / sample.scan
     parsers = Parsers(config.parse_bytes, config.parse_seconds)
     try:

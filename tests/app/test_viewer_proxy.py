@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import re
 import socket
 import time
@@ -16,6 +17,7 @@ import websockets.asyncio.client
 from viser import _messages as viser_messages
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from app.commands.serve import quiet_libraries
 from app.problems import HttpProblem
 from app.security import COOKIE, cookie_value
 from app.viewer.views import Views
@@ -115,6 +117,26 @@ def test_what_is_drawn_arrives_whole(viewed: Any) -> None:
                     return
 
     do(talk())
+
+
+def test_who_comes_and_goes_is_not_logged(viewed: Any, caplog: pytest.LogCaptureFixture) -> None:
+    """As `pmpnbp serve` sets its log up; of its lines nearly all were the websocket library's."""
+
+    async def talk() -> None:
+        async with connect(viewed, f"/sessions/{SESSION}/view/logged") as websocket:
+            await websocket.recv()
+
+    with caplog.at_level(logging.INFO):
+        do(talk())
+        assert any(record.name.startswith("websockets") for record in caplog.records)
+        caplog.clear()
+        before = logging.getLogger("websockets").level
+        quiet_libraries()
+        try:
+            do(talk())
+        finally:
+            logging.getLogger("websockets").setLevel(before)
+    assert [record.name for record in caplog.records if record.name.startswith("websockets")] == []
 
 
 @pytest.mark.parametrize("origin", ["http://example.org", "https://127.0.0.1", "null", "http://localhost:1"])

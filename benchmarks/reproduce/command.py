@@ -8,7 +8,7 @@ from pathlib import Path
 
 from benchmarks.reproduce import convergence, occlusion, planning, push, robot
 from benchmarks.reproduce.experiment import Experiment, Options, make
-from benchmarks.reproduce.ledger import NAME
+from benchmarks.reproduce.run_log import NAME
 
 EXPERIMENTS: dict[str, Experiment] = {
     "convergence": convergence.EXPERIMENT,

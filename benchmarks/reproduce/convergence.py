@@ -27,19 +27,19 @@ from benchmarks.reproduce.convergence_runs import (
     particle_filter,
     time_grid,
 )
-from benchmarks.reproduce.endings import FOUND, UNDER, rates
 from benchmarks.reproduce.experiment import Experiment, Options
-from benchmarks.reproduce.ledger import Ledger, Result
+from benchmarks.reproduce.outcomes import FOUND, UNDER, rates
 from benchmarks.reproduce.reports import Claim, Table
+from benchmarks.reproduce.run_log import Result, RunLog
 from benchmarks.reproduce.scene_runs import VARIANTS, case_of, perform, scene_scan
 from benchmarks.statistics import difference_interval, mean_interval
 from benchmarks.tables import markdown, rate
 from pmpnbp.geometry.poses import Array
 
 
-def write(options: Options, ledger: Ledger) -> None:
+def write(options: Options, run_log: RunLog) -> None:
     """Figures, tables and the report."""
-    found, ends = gathered(options, ledger), alone_ends(options, ledger)
+    found, ends = gathered(options, run_log), alone_ends(options, run_log)
     pictures: dict[str, str] = {}
     drawing = figures.Drawing()
     for scene, runs in found.items():

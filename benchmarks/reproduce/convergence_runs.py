@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.reproduce.experiment import Options
-from benchmarks.reproduce.ledger import Asked, Ledger, Result
+from benchmarks.reproduce.run_log import Asked, Result, RunLog
 from benchmarks.reproduce.scene_runs import asked_of
 from benchmarks.statistics import at_times
 from pmpnbp.geometry.poses import Array
@@ -43,7 +43,7 @@ def scenes(options: Options) -> Sequence[str]:
     return (*SCENES, *MORE_SCENES) if options.everything else SCENES
 
 
-def belief_propagation(options: Options, _: Ledger) -> list[Asked]:
+def belief_propagation(options: Options, _: RunLog) -> list[Asked]:
     """Both presets of PMPNBP."""
     return [
         _asked(options, scene, variant, seed)
@@ -53,18 +53,18 @@ def belief_propagation(options: Options, _: Ledger) -> list[Asked]:
     ]
 
 
-def particle_filter(options: Options, ledger: Ledger) -> list[Asked]:
+def particle_filter(options: Options, run_log: RunLog) -> list[Asked]:
     """The filter with as many iterations, and on for as long as the preset `robust` took for its own."""
     found = []
     for scene in scenes(options):
-        results = ledger.results([_asked(options, scene, "robust", seed) for seed in options.seeds])
+        results = run_log.results([_asked(options, scene, "robust", seed) for seed in options.seeds])
         spent = [result["seconds"][-1] for result in results]
         budget = round(float(np.median(spent)), 3)
         found += [_asked(options, scene, "filter", seed, budget) for seed in options.seeds]
     return found
 
 
-def alone(options: Options, _: Ledger) -> list[Asked]:
+def alone(options: Options, _: RunLog) -> list[Asked]:
     """Both methods without search and whole-object estimate."""
     metres, degrees = ROUGH
     return [
@@ -115,13 +115,13 @@ class Runs:
     worst_at_end: Array
 
 
-def gathered(options: Options, ledger: Ledger) -> dict[str, dict[str, Runs]]:
+def gathered(options: Options, run_log: RunLog) -> dict[str, dict[str, Runs]]:
     """By scene and variant."""
-    asked = [*belief_propagation(options, ledger), *particle_filter(options, ledger)]
+    asked = [*belief_propagation(options, run_log), *particle_filter(options, run_log)]
     found: dict[str, dict[str, Runs]] = {}
     for scene in scenes(options):
         results = {
-            variant: ledger.results([one for one in asked if (one["scene"], one["variant"]) == (scene, variant)])
+            variant: run_log.results([one for one in asked if (one["scene"], one["variant"]) == (scene, variant)])
             for variant in WHOLE
         }
         times = time_grid(results["robust"])
@@ -148,11 +148,11 @@ def _runs(results: Sequence[Result], count: int, times: Array) -> Runs:
     return Runs(results, *(np.array(one) for one in (add, worst, seconds, at_time, at_end)))
 
 
-def alone_ends(options: Options, ledger: Ledger) -> dict[str, Array]:
+def alone_ends(options: Options, run_log: RunLog) -> dict[str, Array]:
     """By variant, (R,) metres: the largest error of a part that counts when a run of `alone` ends, all scenes."""
     found: dict[str, list[float]] = {variant: [] for variant in ALONE}
-    every = alone(options, ledger)
-    for asked, result in zip(every, ledger.results(every), strict=True):
+    every = alone(options, run_log)
+    for asked, result in zip(every, run_log.results(every), strict=True):
         found[asked["variant"]].append(float(np.array(result["add"])[-1, np.array(result["judged"])].max()))
     return {variant: np.array(ends) for variant, ends in found.items()}
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from benchmarks.reproduce.ledger import Asked, Ledger, ReproduceError
+from benchmarks.reproduce.run_log import Asked, ReproduceError, RunLog
 from benchmarks.reproduce.spread import Perform, spread
 
 
@@ -49,8 +49,8 @@ class Experiment:
     """perform : makes a run; stages : what to run, each knowing what the ones before gave; write : what to say of it"""
 
     perform: Perform
-    stages: Sequence[Callable[[Options, Ledger], Sequence[Asked]]]
-    write: Callable[[Options, Ledger], None]
+    stages: Sequence[Callable[[Options, RunLog], Sequence[Asked]]]
+    write: Callable[[Options, RunLog], None]
 
 
 def make(name: str, experiment: Experiment, options: Options) -> None:
@@ -59,14 +59,14 @@ def make(name: str, experiment: Experiment, options: Options) -> None:
     Raises ReproduceError; what has been run by then is kept, as it is where this is interrupted.
     """
     try:
-        ledger = Ledger(options.out, name)
+        run_log = RunLog(options.out, name)
     except OSError as error:
         raise ReproduceError(f"'{options.out}' cannot be written: {error.strerror}") from None
     for stage in experiment.stages:
-        asked = stage(options, ledger)
-        left = [one for one in asked if ledger.get(one) is None]
+        asked = stage(options, run_log)
+        left = [one for one in asked if run_log.get(one) is None]
         with tqdm(total=len(asked), initial=len(asked) - len(left), desc=name, unit="run", dynamic_ncols=True) as bar:
             for one, result in spread(experiment.perform, left, options.processes, options.on) if left else ():
-                ledger.add(one, result)
+                run_log.add(one, result)
                 bar.update()
-    experiment.write(options, ledger)
+    experiment.write(options, run_log)

@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.reproduce import endings, figures, reports
-from benchmarks.reproduce.endings import Endings
+from benchmarks.reproduce import figures, outcomes, reports
 from benchmarks.reproduce.experiment import Experiment, Options
-from benchmarks.reproduce.ledger import Asked, Ledger, Result
+from benchmarks.reproduce.outcomes import Outcomes
 from benchmarks.reproduce.reports import Claim
+from benchmarks.reproduce.run_log import Asked, Result, RunLog
 from benchmarks.reproduce.scene_runs import LAST, asked_of, case_of, perform, scene_scan
 from benchmarks.tables import markdown, rate
 
@@ -29,7 +29,7 @@ ITERATIONS, PARTICLES = 100, 400
 ACCURATE = 0.02
 
 
-def asked(options: Options, _: Ledger | None = None) -> list[Asked]:
+def asked(options: Options, _: RunLog | None = None) -> list[Asked]:
     """All runs: no prior, the region of interest given."""
     return [run for scene in SCENES for run in _asked(options, scene)]
 
@@ -50,23 +50,23 @@ def _asked(options: Options, scene: str) -> list[Asked]:
     ]
 
 
-def write(options: Options, ledger: Ledger) -> None:
+def write(options: Options, run_log: RunLog) -> None:
     """Figures, table and the report."""
-    found: dict[str, Endings] = {}
-    drawn: dict[str, Endings] = {}
+    found: dict[str, Outcomes] = {}
+    drawn: dict[str, Outcomes] = {}
     captions: dict[str, str] = {}
     drawing = figures.Drawing()
     for scene, title in SCENES.items():
         runs = _asked(options, scene)
-        found[scene], drawn[scene] = endings.endings(runs, ledger), endings.given_the_scan(runs, ledger)
+        found[scene], drawn[scene] = outcomes.of_runs(runs, run_log), outcomes.given_the_scan(runs, run_log)
         name = f"{scene.replace('/', '_')}.png"
-        draw(options, drawing, runs[0], ledger.results(runs[:1])[0], name)
+        draw(options, drawing, runs[0], run_log.results(runs[:1])[0], name)
         captions[name] = (
             f"{scene}, {title}: the scan; particles of the belief in the end (run of seed {options.seed}); the "
             "estimate, its most likely pose, as the camera sees it and from beside."
         )
     drawing.close()
-    for table in (endings.part_table(found), replace(endings.part_table(drawn), name="posterior")):
+    for table in (outcomes.part_table(found), replace(outcomes.part_table(drawn), name="posterior")):
         reports.write_table(options.out, table)
     claims = [
         *(accurate(scene, some) for scene, some in found.items()),
@@ -79,7 +79,7 @@ def write(options: Options, ledger: Ledger) -> None:
         options.command,
         options.named_seeds,
         claims,
-        [endings.part_section(found), open_section(found, drawn), endings.length(found)],
+        [outcomes.part_section(found), open_section(found, drawn), outcomes.time_section(found)],
         captions,
     )
 
@@ -100,7 +100,7 @@ def draw(options: Options, drawing: figures.Drawing, run: Asked, result: Result,
     figures.save(figure, options.out / name)
 
 
-def accurate(scene: str, some: Endings) -> Claim:
+def accurate(scene: str, some: Outcomes) -> Claim:
     """Whether what is seen of the object is found."""
     held, runs = some.found(ACCURATE), len(some.add)
     said = f"{scene}: {rate(held, runs)} runs have every part that is seen under {100 * ACCURATE:.0f} cm"
@@ -113,7 +113,7 @@ def accurate(scene: str, some: Endings) -> Claim:
     return Claim(text, reports.verdict_of_runs(held, runs), said)
 
 
-def open_section(found: Mapping[str, Endings], drawn: Mapping[str, Endings]) -> str:
+def open_section(found: Mapping[str, Outcomes], drawn: Mapping[str, Outcomes]) -> str:
     """How wide the belief is beside what the scan leaves open."""
     rows = [
         [
@@ -135,7 +135,7 @@ def open_section(found: Mapping[str, Endings], drawn: Mapping[str, Endings]) -> 
     return "\n".join(["## What the scan leaves open", "", told, "", markdown(header, rows)])
 
 
-def spread_where_hidden(found: Mapping[str, Endings], by: str) -> Claim:
+def spread_where_hidden(found: Mapping[str, Outcomes], by: str) -> Claim:
     """Whether the part that is seen least has a wider belief than the one that is seen best."""
     held, said = [], []
     for scene, some in found.items():

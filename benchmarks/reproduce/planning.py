@@ -18,11 +18,11 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from app.palette import INK, part_colours
-from benchmarks.reproduce import endings, figures, reports
-from benchmarks.reproduce.endings import Endings
+from benchmarks.reproduce import figures, outcomes, reports
 from benchmarks.reproduce.experiment import Experiment, Options
-from benchmarks.reproduce.ledger import Asked, Ledger, Result
+from benchmarks.reproduce.outcomes import Outcomes
 from benchmarks.reproduce.reports import Claim, Table
+from benchmarks.reproduce.run_log import Asked, Result, RunLog
 from benchmarks.reproduce.scene_runs import LAST, asked_of, case_of, perform, scene_scan
 from benchmarks.tables import markdown, rate
 from pmpnbp.geometry.poses import Array
@@ -72,7 +72,7 @@ OF_BOTH = "of draws given the scan, or of the belief's particles, which follow t
 SHARE = 0.75
 
 
-def asked(options: Options, _: Ledger | None = None) -> list[Asked]:
+def asked(options: Options, _: RunLog | None = None) -> list[Asked]:
     """All runs. Of the preset robust the same ones are judged both ways."""
     return [run for way in ("posterior", "paper") for stage in STAGES.values() for run in _asked(options, way, stage)]
 
@@ -97,16 +97,16 @@ def _asked(options: Options, way: str, stage: Stage) -> list[Asked]:
     ]
 
 
-def write(options: Options, ledger: Ledger) -> None:
+def write(options: Options, run_log: RunLog) -> None:
     """Figures, tables and the report."""
-    found: dict[str, dict[str, Endings]] = {}
+    found: dict[str, dict[str, Outcomes]] = {}
     captions: dict[str, str] = {}
     drawing = figures.Drawing()
     for key, way in WAYS.items():
         runs = {name: _asked(options, key, stage) for name, stage in STAGES.items()}
-        ended = endings.given_the_scan if way.posterior else endings.endings
-        found[key] = {name: ended(some, ledger) for name, some in runs.items()}
-        first = {name: ledger.results(some[:1])[0] for name, some in runs.items()}
+        ended = outcomes.given_the_scan if way.posterior else outcomes.of_runs
+        found[key] = {name: ended(some, run_log) for name, some in runs.items()}
+        first = {name: run_log.results(some[:1])[0] for name, some in runs.items()}
         draw(options, drawing, key, found[key], first)
         captions[f"{key}.png"] = (
             f"{way.title.capitalize()}: ellipsoids that hold {100 * SHARE:.0f} % of each part's position (run of "
@@ -123,12 +123,12 @@ def write(options: Options, ledger: Ledger) -> None:
         for one in (*(claim(key, name, found[key][name]) for name in STAGES), narrows(key, found[key]))
     ]
     by_stage = {f"{key}, {name}": some for key, by in found.items() for name, some in by.items()}
-    sections = [decision_section(found), endings.part_section(by_stage, OF_BOTH)]
+    sections = [decision_section(found), outcomes.part_section(by_stage, OF_BOTH)]
     reports.write_report(options.out, "Planning", options.command, options.named_seeds, claims, sections, captions)
 
 
 def draw(
-    options: Options, drawing: figures.Drawing, key: str, found: Mapping[str, Endings], first: Mapping[str, Result]
+    options: Options, drawing: figures.Drawing, key: str, found: Mapping[str, Outcomes], first: Mapping[str, Result]
 ) -> None:
     """A row for each stage: ellipsoids over the scan, and deviations beside the threshold."""
     figure, axes = figures.panels(len(STAGES), 2, 4.6, width_ratios=(1, 0.9))
@@ -149,7 +149,7 @@ def draw(
     figures.save(figure, options.out / f"{key}.png")
 
 
-def draw_deviations(axes: Axes, some: Endings, shown: tuple[float, float]) -> None:
+def draw_deviations(axes: Axes, some: Outcomes, shown: tuple[float, float]) -> None:
     """The median of each part in its colour, and a dot for each run, on a logarithmic axis, millimetres from and to
     `shown`; less stands at its left end: a belief that is one particle has no spread at all."""
     at, std = np.arange(len(some.parts)), np.maximum(1000 * some.std, shown[0])
@@ -178,16 +178,16 @@ def draw_deviations(axes: Axes, some: Endings, shown: tuple[float, float]) -> No
     axes.grid(False, axis="y")
 
 
-def part_table(found: Mapping[str, Mapping[str, Endings]]) -> Table:
+def part_table(found: Mapping[str, Mapping[str, Outcomes]]) -> Table:
     """Deviation and error of every part in every run."""
-    whole = endings.part_table({f"{key}/{name}": some for key, by in found.items() for name, some in by.items()})
+    whole = outcomes.part_table({f"{key}/{name}": some for key, by in found.items() for name, some in by.items()})
     rows = [
         [*str(row[0]).split("/"), *row[1:], "yes" if float(str(row[-1])) <= MAX_STD else "no"] for row in whole.rows
     ]
     return Table("parts", ["method", "stage", *whole.header[1:], "certain"], rows)
 
 
-def stage_table(found: Mapping[str, Mapping[str, Endings]]) -> Table:
+def stage_table(found: Mapping[str, Mapping[str, Outcomes]]) -> Table:
     """What was decided in every run."""
     rows = [
         [
@@ -208,17 +208,17 @@ def stage_table(found: Mapping[str, Mapping[str, Endings]]) -> Table:
     return Table("decisions", header, rows)
 
 
-def std_of_task(some: Endings) -> Array:
+def std_of_task(some: Outcomes) -> Array:
     """(R,) metres, of the part that is to be moved."""
     return some.std[:, some.parts.index(TASK)]
 
 
-def acts(some: Endings) -> NDArray[np.bool_]:
+def acts(some: Outcomes) -> NDArray[np.bool_]:
     """(R,): whether the robot would."""
     return some.certain(MAX_STD)[:, some.parts.index(TASK)]
 
 
-def decision_section(found: Mapping[str, Mapping[str, Endings]]) -> str:
+def decision_section(found: Mapping[str, Mapping[str, Outcomes]]) -> str:
     """How often the robot would act, and whether it should."""
     rows = []
     for key, by in found.items():
@@ -268,7 +268,7 @@ def errors_of(errors: Array) -> str:
     return f"{100 * np.median(errors):.2f} cm in the median, {100 * errors.max():.2f} cm at most; {right} under 1 cm"
 
 
-def claim(key: str, name: str, some: Endings) -> Claim:
+def claim(key: str, name: str, some: Outcomes) -> Claim:
     """Whether the belief leads to the paper's decision."""
     stage, act = STAGES[name], acts(some)
     held = int(np.sum(act == stage.acts))
@@ -283,7 +283,7 @@ def claim(key: str, name: str, some: Endings) -> Claim:
     return Claim(text, reports.verdict_of_runs(held, len(act)), because)
 
 
-def narrows(key: str, found: Mapping[str, Endings]) -> Claim:
+def narrows(key: str, found: Mapping[str, Outcomes]) -> Claim:
     """Whether another view takes from the spread of the part that was hidden."""
     before, after = (1000 * std_of_task(found[name]) for name in ("hidden", "lowered"))
     held = int(np.sum(after < before))
@@ -295,7 +295,7 @@ def narrows(key: str, found: Mapping[str, Endings]) -> Claim:
     return Claim(text, reports.verdict_of_runs(held, len(before)), because)
 
 
-def parting(key: str, found: Mapping[str, Endings]) -> str:
+def parting(key: str, found: Mapping[str, Outcomes]) -> str:
     """Whether any threshold would have led to the paper's decisions in all runs."""
     std = {name: 1000 * std_of_task(some) for name, some in found.items()}
     most = max(float(std[name].max()) for name, stage in STAGES.items() if stage.acts)

@@ -7,139 +7,28 @@ of the same sizes. Push is nonparametric belief propagation with Gibbs-sampled p
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from benchmarks.reproduce import figures, reports
 from benchmarks.reproduce.experiment import Experiment, Options
-from benchmarks.reproduce.ledger import Asked, Ledger, Result
 from benchmarks.reproduce.planar import run as planar
 from benchmarks.reproduce.planar.pattern import four_arms, outlines
+from benchmarks.reproduce.push_runs import CLUTTER, FOUND, Found, Runs, components_of, every_run, gathered, perform
 from benchmarks.reproduce.reports import Claim, Table
+from benchmarks.reproduce.run_log import RunLog
 from benchmarks.statistics import difference_interval, mean_interval
 from benchmarks.tables import markdown, rate
-from pmpnbp.geometry.poses import Array
 
-COMPONENTS = (25, 50, 100, 200, 400)
-ITERATIONS, CLUTTER = 45, 20
-# Pixels: a node nearer than this to its place is found; and the share of nodes that makes a run a success.
-FOUND, SHARE = 10.0, 7 / 9
 # From here on the pairs of components outweigh what grows with their number alone.
 LARGE = 100
 TITLES = {"pull": "pull (PMPNBP)", "push": "push (Gibbs-sampled products)"}
 
 
-def perform(asked: Asked) -> Result:
-    """One run: `errors` (I, N) pixels and `seconds` (I,) of its iterations, `unary` and `pairs`, how often the unary
-    potential and a pair of components were asked in an iteration, and the estimate (N, 3)."""
-    _warm()
-    trial = planar.trial(asked["seed"], asked["method"], asked["components"], asked["iterations"], asked["clutter"])
-    return {
-        "errors": np.round(trial.errors, 3).tolist(),
-        "seconds": np.round(trial.seconds, 6).tolist(),
-        "unary": trial.reports[-1].unary_evaluations,
-        "pairs": trial.reports[-1].pair_evaluations,
-        "estimate": np.round(trial.estimate, 3).tolist(),
-    }
-
-
-@lru_cache(maxsize=1)
-def _warm() -> None:
-    planar.warm_up()
-
-
-def every_run(options: Options, _: Ledger) -> list[Asked]:
-    """Both methods on the same pictures, with every number of components."""
-    return [
-        {
-            "method": method,
-            "components": components,
-            "seed": seed,
-            "clutter": CLUTTER,
-            "iterations": options.iterations or ITERATIONS,
-        }
-        for components in _components(options)
-        for seed in options.seeds
-        for method in planar.METHODS
-    ]
-
-
-def _components(options: Options) -> tuple[int, ...]:
-    return COMPONENTS if options.particles is None else (options.particles // 2, options.particles)
-
-
-@dataclass(frozen=True)
-class Runs:
-    """Of one method and number of components: errors (R, I, N) pixels; seconds (R, I) of each iteration."""
-
-    errors: Array
-    seconds: Array
-    unary: int
-    pairs: int
-
-    @property
-    def mean_error(self) -> Array:
-        """(R, I) pixels, over the nodes."""
-        return self.errors.mean(axis=2)
-
-    @property
-    def final(self) -> Array:
-        """(R,) pixels, the same at the end."""
-        return self.mean_error[:, -1]
-
-    @property
-    def nodes_found(self) -> Array:
-        """(R,) share of the nodes that are found at the end."""
-        return np.mean(self.errors[:, -1] < FOUND, axis=1)
-
-    @property
-    def spent(self) -> Array:
-        """(I,) seconds up to each iteration, medians over the runs."""
-        return np.cumsum(np.median(self.seconds, axis=0))
-
-    @property
-    def run_seconds(self) -> float:
-        """Median of a whole run."""
-        return float(np.median(self.seconds.sum(axis=1)))
-
-    @property
-    def iteration_seconds(self) -> float:
-        """Median over all iterations."""
-        return float(np.median(self.seconds))
-
-    @property
-    def successes(self) -> int:
-        """Runs that end with seven of nine nodes found: more than half of the arms, and the circle."""
-        return int(np.sum(self.nodes_found >= SHARE - 1e-9))
-
-
-Found = Mapping[str, Mapping[int, Runs]]
-
-
-def gathered(options: Options, ledger: Ledger) -> Found:
-    """By method and number of components."""
-    found: dict[str, dict[int, Runs]] = {method: {} for method in planar.METHODS}
-    asked = every_run(options, ledger)
-    for method, by_components in found.items():
-        for components in _components(options):
-            results = ledger.results(
-                [one for one in asked if (one["method"], one["components"]) == (method, components)]
-            )
-            by_components[components] = Runs(
-                np.array([result["errors"] for result in results]),
-                np.array([result["seconds"] for result in results]),
-                results[0]["unary"],
-                results[0]["pairs"],
-            )
-    return found
-
-
-def write(options: Options, ledger: Ledger) -> None:
+def write(options: Options, run_log: RunLog) -> None:
     """Figures, tables and the report."""
-    found = gathered(options, ledger)
-    draw_scene(options, ledger, "figure.png")
+    found = gathered(options, run_log)
+    draw_scene(options, run_log, "figure.png")
     draw_time(options, found, "error_over_time.png")
     draw_components(options, found, "components.png")
     reports.write_table(options.out, component_table(found))
@@ -160,19 +49,19 @@ def write(options: Options, ledger: Ledger) -> None:
     )
 
 
-def draw_scene(options: Options, ledger: Ledger, name: str) -> None:
+def draw_scene(options: Options, run_log: RunLog, name: str) -> None:
     """The picture of the first seed, and over it both estimates with the most components."""
     seen = planar.scene(options.seed, CLUTTER)
     figure, axes = figures.panels(1, 3, 1.55)
     figures.beside(axes[0, 0], 1.0 - 0.75 * np.repeat(seen.picture[..., None], 3, axis=2), "picture")
-    most = max(_components(options))
+    most = max(components_of(options))
     asked = {
         one["method"]: one
-        for one in every_run(options, ledger)
+        for one in every_run(options, run_log)
         if one["seed"] == options.seed and one["components"] == most
     }
     for place, method in enumerate(planar.METHODS, start=1):
-        (result,) = ledger.results([asked[method]])
+        (result,) = run_log.results([asked[method]])
         faint = 1.0 - 0.25 * np.repeat(seen.picture[..., None], 3, axis=2)
         figures.beside(axes[0, place], faint, f"{method}, M = {most}")
         for line in outlines(four_arms(), np.array(result["estimate"])):

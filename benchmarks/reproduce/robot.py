@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from app.palette import INK, part_colours
-from benchmarks.reproduce import endings, figures, reports, robot_scan
-from benchmarks.reproduce.endings import Endings
+from benchmarks.reproduce import figures, outcomes, reports, robot_scan
 from benchmarks.reproduce.experiment import Experiment, Options
-from benchmarks.reproduce.ledger import Asked, Ledger, Result
+from benchmarks.reproduce.outcomes import Outcomes
 from benchmarks.reproduce.reports import Claim, Table
+from benchmarks.reproduce.run_log import Asked, Result, RunLog
 from benchmarks.reproduce.scene_runs import asked_of, case_of, perform, scene_scan
 from benchmarks.tables import rate
 from pmpnbp.geometry.poses import Array
@@ -31,7 +31,7 @@ METRES, DEGREES = 0.10, 10.0
 FOUND, WELL = 0.05, 0.02
 
 
-def render(options: Options, _: Ledger) -> list[Asked]:
+def render(options: Options, _: RunLog) -> list[Asked]:
     """A scan of another robot, where one is named; then all runs."""
     if options.urdf is not None:
         robot_scan.write(_rendered(options), options.urdf)
@@ -68,14 +68,14 @@ def _rendered(options: Options) -> Path:
     return (options.out / "scan").resolve()
 
 
-def write(options: Options, ledger: Ledger) -> None:
+def write(options: Options, run_log: RunLog) -> None:
     """Figures, tables and the report."""
     runs = asked(options)
-    results = ledger.results(runs)
+    results = run_log.results(runs)
     name = SCENE if options.urdf is None else options.urdf.name
-    some = endings.endings(runs, ledger)
+    some = outcomes.of_runs(runs, run_log)
     edges = len(case_of(runs[0]).model.edges)
-    errors = endings.over_iterations(results, "add")
+    errors = outcomes.over_iterations(results, "add")
     draw_errors(options, some.parts, errors)
     draw_beliefs(options, runs[0], results[0])
     last = iterations(options)
@@ -86,11 +86,11 @@ def write(options: Options, ledger: Ledger) -> None:
             f"beside (run of seed {options.seed})."
         ),
     }
-    for table in (endings.part_table({name: some}), error_table(some.parts, errors), run_table(some)):
+    for table in (outcomes.part_table({name: some}), error_table(some.parts, errors), run_table(some)):
         reports.write_table(options.out, table)
     claim = converges(some, edges)
     worst = float(np.array(results[0]["add"][-1])[some.judged].max(initial=0.0))
-    sections = [figures_section(some, worst), endings.part_section({name: some}), endings.length({name: some})]
+    sections = [figures_section(some, worst), outcomes.part_section({name: some}), outcomes.time_section({name: some})]
     reports.write_report(options.out, "Robot", options.command, options.named_seeds, [claim], sections, captions)
 
 
@@ -149,7 +149,7 @@ def error_table(parts: tuple[str, ...], errors: Array) -> Table:
     return Table("errors", ["iteration", "part", "median_add_m", "least_add_m", "largest_add_m"], rows)
 
 
-def run_table(some: Endings) -> Table:
+def run_table(some: Outcomes) -> Table:
     """How every run ended; the iteration at rest is empty where it did not come to rest."""
     rows = [
         [
@@ -164,17 +164,17 @@ def run_table(some: Endings) -> Table:
     return Table("runs", ["seed", "seconds", "at_rest", "mean_add_m", "worst_part_m"], rows)
 
 
-def measured(some: Endings) -> Mapping[str, str]:
+def measured(some: Outcomes) -> Mapping[str, str]:
     """The figures that are to be stated."""
     seen = some.add[:, some.judged]
     return {
         f"runs with every visible part under {100 * FOUND:.0f} cm": rate(some.found(FOUND), len(seen)),
         f"visible parts under {100 * WELL:.0f} cm, of all runs": rate(int(np.sum(seen < WELL)), seen.size),
-        "time": endings.taken(some),
+        "time": outcomes.time_taken(some),
     }
 
 
-def figures_section(some: Endings, worst: float) -> str:
+def figures_section(some: Outcomes, worst: float) -> str:
     """What was measured, in a list. worst : metres, of the visible parts at the first run's last iteration"""
     counted = (
         f"{int(some.judged.sum())} of {len(some.parts)} parts are visible: at least a tenth of each is seen. Errors "
@@ -184,7 +184,7 @@ def figures_section(some: Endings, worst: float) -> str:
     return "\n".join(["## In figures", "", counted, "", *(f"- {what}: {how}" for what, how in measured(some).items())])
 
 
-def converges(some: Endings, edges: int) -> Claim:
+def converges(some: Outcomes, edges: int) -> Claim:
     """What the paper says of its robot."""
     text = f"The belief converges for a robot of {len(some.parts)} nodes and {edges} edges"
     said = "; ".join(f"{what}: {how}" for what, how in measured(some).items())

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from benchmarks.reproduce.ledger import ReproduceError
+from benchmarks.reproduce.run_log import ReproduceError
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.reproduce.ledger import Asked, Result
+from benchmarks.reproduce.run_log import Asked, Result
 from benchmarks.trials import PROJECT, Case, load_case, load_roi, rough_prior, timed, warm_kernels
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 
-from benchmarks.reproduce.ledger import Asked, ReproduceError, Result
+from benchmarks.reproduce.run_log import Asked, ReproduceError, Result
 
 Perform = Callable[[Asked], Result]
 # How often the runs that a killed process has left are begun anew.

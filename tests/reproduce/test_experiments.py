@@ -13,8 +13,8 @@ from PIL import Image
 
 from app.cli import main
 from benchmarks.reproduce import experiment, figures
-from benchmarks.reproduce.ledger import NAME, Asked, Result
 from benchmarks.reproduce.reports import HOLDS, IN_PART, NOT
+from benchmarks.reproduce.run_log import NAME, Asked, Result
 from benchmarks.reproduce.spread import Perform, spread
 from pmpnbp.readout import object_posterior
 

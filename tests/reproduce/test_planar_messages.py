@@ -8,7 +8,7 @@ import pytest
 from benchmarks.reproduce.planar import pull, push
 from benchmarks.reproduce.planar.mixture import Mixture
 from benchmarks.reproduce.planar.pattern import Hinge, Pattern, across, four_arms, log_pairwise
-from benchmarks.reproduce.planar.problem import Problem, Samples, Settings, Span, resample, uniform
+from benchmarks.reproduce.planar.problem import PlanarProblem, Samples, Settings, Span, resample, uniform
 
 FIGURE = four_arms()
 SIZE = 60
@@ -24,7 +24,7 @@ def gaussian_unary(node: int, poses: np.ndarray, sharpness: float) -> np.ndarray
     return -0.5 * squared / UNARY_SIGMA[node % 2] ** 2
 
 
-def problem(pattern: Pattern, components: int) -> Problem:
+def problem(pattern: Pattern, components: int) -> PlanarProblem:
     settings = Settings(
         components=components,
         sigma_position=Span(PAIR_SIGMA, PAIR_SIGMA),
@@ -32,7 +32,7 @@ def problem(pattern: Pattern, components: int) -> Problem:
         diffusion_position=Span(1.0, 1.0),
         diffusion_angle=Span(0.1, 0.1),
     )
-    return Problem(pattern, gaussian_unary, settings, SIZE)
+    return PlanarProblem(pattern, gaussian_unary, settings, SIZE)
 
 
 @pytest.mark.parametrize("message", [0, 1, 2, 3])
@@ -147,7 +147,7 @@ def test_evaluations_are_counted_as_they_are_made() -> None:
         asked += len(poses)
         return gaussian_unary(node, poses, sharpness)
 
-    task = Problem(FIGURE, counted, Settings(components=8), SIZE)
+    task = PlanarProblem(FIGURE, counted, Settings(components=8), SIZE)
     for way in (pull, push):
         state = way.start(np.random.default_rng(0), task)
         for iteration in range(3):

@@ -59,7 +59,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Problem:
+class PlanarProblem:
     """A figure to be found in a picture of `size` pixels square."""
 
     pattern: Pattern
@@ -96,7 +96,7 @@ class Report:
     pair_evaluations: int  # terms of the sums over components
 
 
-def uniform(rng: np.random.Generator, problem: Problem) -> tuple[Samples, ...]:
+def uniform(rng: np.random.Generator, problem: PlanarProblem) -> tuple[Samples, ...]:
     """Beliefs before the first iteration: M poses of every node, uniform over the picture and all turns."""
     count = problem.settings.components
     return tuple(

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from benchmarks.reproduce.planar.pattern import across, hinge_frame
-from benchmarks.reproduce.planar.problem import Plan, Problem, Report, Samples, resample, uniform
+from benchmarks.reproduce.planar.problem import Plan, PlanarProblem, Report, Samples, resample, uniform
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import log_weights as lw
 
@@ -31,7 +31,7 @@ class State:
     messages: tuple[Samples, ...]
 
 
-def start(rng: np.random.Generator, problem: Problem) -> State:
+def start(rng: np.random.Generator, problem: PlanarProblem) -> State:
     """Uniform beliefs and no messages (box 1, step 1a)."""
     return State(0, uniform(rng, problem), ())
 
@@ -56,7 +56,7 @@ def _pair_sums(ours, theirs, weights, limit, sigma_position, sigma_angle, out): 
         out[i] = max(np.log(total), -FARTHEST) if total > 0.0 else -FARTHEST
 
 
-def log_pair_sums(problem: Problem, message: int, received: Array, feed: Samples, plan: Plan) -> Array:
+def log_pair_sums(problem: PlanarProblem, message: int, received: Array, feed: Samples, plan: Plan) -> Array:
     """log W_u (M,) of box 1, step 2c(i): for each pose (M, 3) of the receiver, Σ_j w_ut^(j) ψ(X_s, X_t = μ_ut^(j))."""
     pattern = problem.pattern
     out = np.empty(len(received))
@@ -73,7 +73,7 @@ def log_pair_sums(problem: Problem, message: int, received: Array, feed: Samples
 
 
 def update_message(
-    rng: np.random.Generator, problem: Problem, message: int, state: State, plan: Plan
+    rng: np.random.Generator, problem: PlanarProblem, message: int, state: State, plan: Plan
 ) -> tuple[Samples, int]:
     """Box 1, and the number of terms summed."""
     pattern = problem.pattern
@@ -88,7 +88,7 @@ def update_message(
     return Samples(received, lw.normalise(log_weights)), len(feeding) * len(received) ** 2
 
 
-def update_belief(problem: Problem, node: int, messages: tuple[Samples, ...], plan: Plan) -> Samples:
+def update_belief(problem: PlanarProblem, node: int, messages: tuple[Samples, ...], plan: Plan) -> Samples:
     """Box 2, steps 1 to 3: the incoming messages' samples in one set, T = M times their number."""
     incoming = [messages[message] for message in problem.pattern.incoming[node]]
     updated = [
@@ -98,7 +98,7 @@ def update_belief(problem: Problem, node: int, messages: tuple[Samples, ...], pl
     return Samples(np.concatenate([m.poses for m in incoming]), np.concatenate(updated) - np.log(len(incoming)))
 
 
-def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, Report]:
+def step(rng: np.random.Generator, state: State, problem: PlanarProblem) -> tuple[State, Report]:
     """Iteration `state.iteration + 1`: all messages from the last iteration's, then all beliefs."""
     number = state.iteration + 1
     plan = problem.plan(number)

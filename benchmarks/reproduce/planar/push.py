@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.reproduce.planar.mixture import Mixture, draw_product, rule_of_thumb
 from benchmarks.reproduce.planar.pattern import across
-from benchmarks.reproduce.planar.problem import Plan, Problem, Report, Samples, resample, uniform
+from benchmarks.reproduce.planar.problem import Plan, PlanarProblem, Report, Samples, resample, uniform
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import log_weights as lw
 
@@ -34,13 +34,18 @@ class State:
     messages: tuple[Mixture, ...]
 
 
-def start(rng: np.random.Generator, problem: Problem) -> State:
+def start(rng: np.random.Generator, problem: PlanarProblem) -> State:
     """Uniform beliefs and no messages."""
     return State(0, uniform(rng, problem), ())
 
 
 def draw_weighed(
-    rng: np.random.Generator, problem: Problem, node: int, factors: list[Mixture], at_means: list[Array], plan: Plan
+    rng: np.random.Generator,
+    problem: PlanarProblem,
+    node: int,
+    factors: list[Mixture],
+    at_means: list[Array],
+    plan: Plan,
 ) -> Samples:
     """M draws of φ times the product of `factors`, d of them; `at_means` is log φ (M,) at the means of each."""
     settings = problem.settings
@@ -52,7 +57,7 @@ def draw_weighed(
 
 
 def pre_message(
-    rng: np.random.Generator, problem: Problem, message: int, state: State, at_means: list[Array], plan: Plan
+    rng: np.random.Generator, problem: PlanarProblem, message: int, state: State, at_means: list[Array], plan: Plan
 ) -> Samples:
     """M weighted poses of the sender from φ_t Π m_{u→t} (eq. 6).
 
@@ -71,14 +76,14 @@ def pre_message(
     return Samples(poses, lw.normalise(problem.log_unary(node, poses, plan.sharpness)))
 
 
-def push_message(rng: np.random.Generator, problem: Problem, message: int, sent: Samples, plan: Plan) -> Mixture:
+def push_message(rng: np.random.Generator, problem: PlanarProblem, message: int, sent: Samples, plan: Plan) -> Mixture:
     """Each weighted pose of the sender through the joint, and a kernel around each."""
     means = across(rng, problem.pattern, message, sent.poses, False, plan.sigma_position, plan.sigma_angle)
     spread = rule_of_thumb(means, sent.log_weights, _NARROWEST * plan.diffusion, plan.diffusion)
     return Mixture(means, sent.log_weights, spread)
 
 
-def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, Report]:
+def step(rng: np.random.Generator, state: State, problem: PlanarProblem) -> tuple[State, Report]:
     """Iteration `state.iteration + 1`: all messages from the last iteration's, then all beliefs."""
     number = state.iteration + 1
     plan = problem.plan(number)

@@ -13,7 +13,7 @@ from numba import njit
 from benchmarks.reproduce.planar import pull, push
 from benchmarks.reproduce.planar.pattern import configuration, four_arms
 from benchmarks.reproduce.planar.picture import SIZE, Scene, draw_scene, log_unary
-from benchmarks.reproduce.planar.problem import Problem, Report, Samples, Settings
+from benchmarks.reproduce.planar.problem import PlanarProblem, Report, Samples, Settings
 from pmpnbp.geometry.poses import Array
 
 Method = Literal["pull", "push"]
@@ -85,7 +85,7 @@ def trial(
     seen = scene(seed, clutter)
     pattern = four_arms()
     settings = replace(settings or Settings(), components=components)
-    problem = Problem(pattern, partial(log_unary, seen.picture, pattern), settings, SIZE)
+    problem = PlanarProblem(pattern, partial(log_unary, seen.picture, pattern), settings, SIZE)
     way = pull if method == "pull" else push
     state = way.start(np.random.default_rng([seed, 1]), problem)
     errors, seconds, reports = np.empty((iterations, pattern.nodes)), np.empty(iterations), []

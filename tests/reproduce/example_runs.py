@@ -7,7 +7,7 @@ import signal
 import time
 from pathlib import Path
 
-from benchmarks.reproduce.ledger import Asked, Result
+from benchmarks.reproduce.run_log import Asked, Result
 
 
 def squared(asked: Asked) -> Result:

@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.reproduce import endings, reports
-from benchmarks.reproduce.ledger import Ledger
+from benchmarks.reproduce import outcomes, reports
+from benchmarks.reproduce.run_log import RunLog
 
 ASKED = [{"seed": 0}, {"seed": 1}]
 
 
 @pytest.fixture
-def ledger(tmp_path: Path) -> Ledger:
+def run_log(tmp_path: Path) -> RunLog:
     """The first run is at rest in iteration 1 and goes on, worse; the second never is. The third part is hidden."""
-    made = Ledger(tmp_path, "robot")
+    made = RunLog(tmp_path, "robot")
     shared = {"parts": ["base", "arm", "hand"], "judged": [True, True, False], "shares": [0.9, 0.5, 0.05]}
     first = [[0.1, 0.1, 0.1], [0.01, 0.03, 0.2], [0.5, 0.5, 0.5]]
     second = [[0.1, 0.1, 0.1], [0.01, 0.06, 0.001]]
@@ -28,23 +28,23 @@ def ledger(tmp_path: Path) -> Ledger:
     return made
 
 
-def test_a_run_is_judged_at_rest_by_the_parts_that_are_seen(ledger: Ledger) -> None:
-    some = endings.endings(ASKED, ledger)
+def test_a_run_is_judged_at_rest_by_the_parts_that_are_seen(run_log: RunLog) -> None:
+    some = outcomes.of_runs(ASKED, run_log)
     np.testing.assert_allclose(some.add, [[0.01, 0.03, 0.2], [0.01, 0.06, 0.001]])
     assert some.seconds.tolist() == [2.0, 2.0] and some.at_rest == (1, None)
     assert [some.found(limit) for limit in (0.02, 0.05, 0.1)] == [0, 1, 2]
     assert some.certain(0.0025).tolist() == [[True, False, False], [True, False, True]]
 
 
-def test_a_run_that_ended_stays_as_it_was(ledger: Ledger) -> None:
-    errors = endings.over_iterations(ledger.results(ASKED), "add")
+def test_a_run_that_ended_stays_as_it_was(run_log: RunLog) -> None:
+    errors = outcomes.over_iterations(run_log.results(ASKED), "add")
     assert errors.shape == (2, 3, 3)
     np.testing.assert_array_equal(errors[1, 2], errors[1, 1])
 
 
-def test_a_run_that_was_not_made_is_told(ledger: Ledger) -> None:
+def test_a_run_that_was_not_made_is_told(run_log: RunLog) -> None:
     with pytest.raises(KeyError, match="1 of 3 runs have not been made"):
-        ledger.results([*ASKED, {"seed": 2}])
+        run_log.results([*ASKED, {"seed": 2}])
 
 
 @pytest.mark.parametrize(

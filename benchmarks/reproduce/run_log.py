@@ -20,7 +20,7 @@ class ReproduceError(PmpnbpError):
     """An experiment cannot be made, or gone on with."""
 
 
-class Ledger:
+class RunLog:
     """The results in `folder`, by what was asked for; both are what JSON can hold.
 
     Raises ReproduceError where the file there is of another experiment or version, whose figures must not be mixed.

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.reproduce.ledger import Asked, Ledger, Result
 from benchmarks.reproduce.reports import Table
+from benchmarks.reproduce.run_log import Asked, Result, RunLog
 from benchmarks.tables import markdown, rate
 from pmpnbp.geometry.poses import Array
 
@@ -21,7 +21,7 @@ OF_PARTICLES = "it follows the algorithm's own diffusion of particles"
 
 
 @dataclass(frozen=True)
-class Endings:
+class Outcomes:
     """R runs on one scene, each as it stood at rest, though it may have gone on, or else in the end.
 
     seeds : (R,); parts : the names of the N parts; shares : (N,) how much of each is seen; judged : (N,) whether that
@@ -58,16 +58,16 @@ def over_iterations(results: Sequence[Result], name: str) -> Array:
     return np.array([result[name] + result[name][-1:] * (longest - len(result[name])) for result in results])
 
 
-def endings(asked: Sequence[Asked], ledger: Ledger) -> Endings:
+def of_runs(asked: Sequence[Asked], run_log: RunLog) -> Outcomes:
     """Of the runs of one scene."""
-    results = ledger.results(asked)
+    results = run_log.results(asked)
     ends = [-1 if result["at_rest"] is None else result["at_rest"] for result in results]
 
     def at_end(name: str) -> Array:
         return np.array([result[name][end] for result, end in zip(results, ends, strict=True)])
 
     first = results[0]
-    return Endings(
+    return Outcomes(
         tuple(one["seed"] for one in asked),
         tuple(first["parts"]),
         np.array(first["shares"]),
@@ -79,20 +79,20 @@ def endings(asked: Sequence[Asked], ledger: Ledger) -> Endings:
     )
 
 
-def given_the_scan(asked: Sequence[Asked], ledger: Ledger) -> Endings:
+def given_the_scan(asked: Sequence[Asked], run_log: RunLog) -> Outcomes:
     """The same of runs that were asked for it, with the deviations of draws from the posterior in place of those of the
     belief's particles."""
-    drawn = [result["posterior"]["std"] for result in ledger.results(asked)]
-    return replace(endings(asked, ledger), std=np.array(drawn))
+    drawn = [result["posterior"]["std"] for result in run_log.results(asked)]
+    return replace(of_runs(asked, run_log), std=np.array(drawn))
 
 
-def length(found: Mapping[str, Endings]) -> str:
+def time_section(found: Mapping[str, Outcomes]) -> str:
     """How long the runs took."""
-    lines = [f"- {name}: {taken(some)}" for name, some in found.items()]
+    lines = [f"- {name}: {time_taken(some)}" for name, some in found.items()]
     return "\n".join(["## Time", "", *lines])
 
 
-def taken(some: Endings) -> str:
+def time_taken(some: Outcomes) -> str:
     """Seconds and iterations of a run, as part of a sentence."""
     rests = [rest for rest in some.at_rest if rest is not None]
     said = f"{np.median(some.seconds):.2f} s a run in the median, {some.seconds.max():.2f} s at most; "
@@ -100,7 +100,7 @@ def taken(some: Endings) -> str:
     return said + (f", after {np.median(rests):.0f} iterations in the median" if rests else "")
 
 
-def part_table(found: Mapping[str, Endings]) -> Table:
+def part_table(found: Mapping[str, Outcomes]) -> Table:
     """How every part was found in every run."""
     rows = [
         [
@@ -119,7 +119,7 @@ def part_table(found: Mapping[str, Endings]) -> Table:
     return Table("parts", ["case", "seed", "part", "visible_share", "hidden", "add_m", "std_m"], rows)
 
 
-def part_section(found: Mapping[str, Endings], spread: str = OF_PARTICLES) -> str:
+def part_section(found: Mapping[str, Outcomes], spread: str = OF_PARTICLES) -> str:
     """Error, success and spread part by part, over the runs. spread : of what the deviations are"""
     rows = []
     for name, some in found.items():

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import math
+import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import fields
@@ -24,8 +25,8 @@ EXPERIMENTS = ("convergence", "occlusion", "robot", "planning", "push")
 
 EXAMPLE = """\
 example, a cabinet of which nothing is known but a box around it:
-  pmpnbp estimate sample_data/cabinet/cabinet.urdf sample_data/cabinet/open/depth.png \\
-      --camera sample_data/cabinet/open/camera.json --roi=-0.08,-0.19,-0.1,0.89,0.7,0.85 \\
+  pmpnbp estimate {cabinet}/cabinet.urdf {cabinet}/open/depth.png \\
+      --camera {cabinet}/open/camera.json --roi=-0.08,-0.19,-0.1,0.89,0.7,0.85 \\
       --out result.json --recording open.sqlite
 """
 
@@ -81,7 +82,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="pmpnbp",
         description="Poses of the links and positions of the joints of an articulated object, from depth scans.",
-        epilog=EXAMPLE,
+        epilog=_example(),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action=_Version, help="print the version and exit")
@@ -93,6 +94,11 @@ def _parser() -> argparse.ArgumentParser:
     _add_benchmark(commands)
     _add_reproduce(commands)
     return parser
+
+
+def _example() -> str:
+    """The example with its files as they are called from the working folder."""
+    return EXAMPLE.format(cabinet=os.path.relpath(Path(__file__).resolve().parents[1] / "sample_data" / "cabinet"))
 
 
 class _Version(argparse.Action):
@@ -114,7 +120,7 @@ def _add_estimate(commands: argparse._SubParsersAction[_Parser]) -> None:
         help="find an object in one scene's scans",
         description="Find the object MODEL in one or several scans of one scene. The result is JSON, progress goes to "
         "standard error.",
-        epilog=EXAMPLE,
+        epilog=_example(),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = command.add_argument

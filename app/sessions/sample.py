@@ -20,72 +20,39 @@ from app.uploads.parsers import Parsers
 class Sample:
     """A scene of the sample data.
 
-    scene : what it is asked for by; folder : its object's, and scan : its own in there; name : what its session is
-        called; about : what is to be seen, one sentence; prior : whether the session starts from the scene's prior
+    scene : what it is asked for by; place : its folder, in that of its object; title : what is shown of it
+    about : what is to be seen, one sentence; prior : whether the session starts from the scene's prior
     """
 
     scene: str
-    folder: str
-    scan: str
-    name: str
+    place: str
+    title: str
     about: str
     prior: bool = False
 
+    @property
+    def name(self) -> str:
+        """What its session is called."""
+        return f"Sample: {self.title}"
 
+
+_TOLD_APART = "The drawers lie flush: only edges tell them apart."
+_FROM_ABOVE = "The top drawer hides the others: nobody can tell how far they are open."
+_ROBOT = "Twelve links and eleven joints, from a rough prior of the base."
+_PARTIAL = "Base, torso and head are dark: the sensor measures them in patches only."
+_HIDDEN = "The top drawer hides all but a corner of the second one."
 SAMPLES = (
-    Sample("open", "cabinet", "open", "Sample: a cabinet with an open drawer", "Every drawer is seen well."),
+    Sample("open", "cabinet/open", "a cabinet with an open drawer", "Every drawer is seen well."),
+    Sample("self_occluded", "cabinet/self_occluded", "a cabinet that hides a drawer", _HIDDEN),
     Sample(
-        "self_occluded",
-        "cabinet",
-        "self_occluded",
-        "Sample: a cabinet that hides a drawer",
-        "The top drawer hides all but a corner of the second one.",
+        "arm", "cabinet/arm", "a cabinet behind a robot arm", "An arm stands in front that is no part of the model."
     ),
-    Sample(
-        "arm",
-        "cabinet",
-        "arm",
-        "Sample: a cabinet behind a robot arm",
-        "An arm stands in front that is no part of the model.",
-    ),
-    Sample(
-        "blanket",
-        "cabinet",
-        "blanket",
-        "Sample: a cabinet under a blanket",
-        "A cloth covers half of the front.",
-    ),
-    Sample(
-        "closed",
-        "cabinet",
-        "closed",
-        "Sample: a closed cabinet",
-        "The drawers lie flush: only edges tell them apart.",
-    ),
-    Sample(
-        "from_above",
-        "cabinet",
-        "from_above",
-        "Sample: a cabinet seen from above",
-        "The top drawer hides the others: nobody can tell how far they are open.",
-    ),
-    Sample("door", "door", "ajar", "Sample: a cupboard with its door ajar", "One hinge, a revolute joint."),
-    Sample(
-        "robot",
-        "robot",
-        "scan_0",
-        "Sample: a mobile manipulator",
-        "Twelve links and eleven joints, from a rough prior of the base.",
-        prior=True,
-    ),
-    Sample(
-        "robot_partial",
-        "robot",
-        "partial",
-        "Sample: a mobile manipulator, seen in part",
-        "Base, torso and head are dark: the sensor measures them in patches only.",
-        prior=True,
-    ),
+    Sample("blanket", "cabinet/blanket", "a cabinet under a blanket", "A cloth covers half of the front."),
+    Sample("closed", "cabinet/closed", "a closed cabinet", _TOLD_APART),
+    Sample("from_above", "cabinet/from_above", "a cabinet seen from above", _FROM_ABOVE),
+    Sample("door", "door/ajar", "a cupboard with its door ajar", "One hinge, a revolute joint."),
+    Sample("robot", "robot/scan_0", "a mobile manipulator", _ROBOT, prior=True),
+    Sample("robot_partial", "robot/partial", "a mobile manipulator, seen in part", _PARTIAL, prior=True),
 )
 NAME = SAMPLES[0].name
 
@@ -97,12 +64,11 @@ def sample_document(store: Store, config: ServerConfig, scene: str = "open") -> 
     SAMPLES does not have.
     """
     sample = {known.scene: known for known in SAMPLES}[scene]
-    root = Path(str(files("sample_data")))
-    place = root / sample.folder / sample.scan
+    place = Path(str(files("sample_data"))) / sample.place
     parsers = Parsers(config.parse_bytes, config.parse_seconds)
     try:
         with store.staging() as staging:
-            model_id = _model(store, parsers, staging, root / sample.folder)
+            model_id = _model(store, parsers, staging, place.parent)
         with store.staging() as staging:
             scan_id = _scan(store, parsers, staging, place)
     finally:

@@ -101,7 +101,7 @@ def convert(name: str, text: str, source: str) -> Any:
             return text.lower() in ("true", "1", "yes", "on")
         raise SettingError(f"{source} is {text!r}; it must be true or false")
     if kind == "Path":
-        return Path(text).expanduser()
+        return Path(text).expanduser().absolute()  # processes that read uploads work in another folder
     if kind in ("int", "float"):
         try:
             number = int(text) if kind == "int" else float(text)

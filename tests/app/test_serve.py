@@ -138,6 +138,7 @@ def test_options_go_before_the_environment_before_the_defaults() -> None:
     assert config.max_running == 2
     assert config_from({"demo": False}, environment).demo is False
     assert config_from({}, {"PMPNBP_TOKEN": "", "PMPNBP_DATA_DIR": "~/there"}).data_dir == Path.home() / "there"
+    assert config_from({}, {"PMPNBP_DATA_DIR": "here"}).data_dir == Path.cwd() / "here"
 
 
 def test_every_setting_has_a_name_and_a_word_of_help() -> None:

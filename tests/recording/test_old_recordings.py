@@ -34,7 +34,7 @@ def test_its_iterations_give_the_rows_that_it_was_written_with(path: Path) -> No
     archive = IterationArchive(path, "recording 'old'", foreign_row=lambda text, model: None)
     archive.open(CRITERIA)
     made = [json.loads(row) for row in archive.rows()]
-    assert [row["stage"] for row in made] == ["start", "search", *["belief propagation"] * 4]
+    assert {row["stage"] for row in made} == {"start", "search", "belief propagation", "refine"}
     for mine, theirs in zip(made, written, strict=True):
         for name in ("iteration", "stage", "seconds", "tolerance", "converged", "certain", "notes"):
             assert mine[name] == theirs[name], name

@@ -21,6 +21,8 @@ OWN, BASELINE = "the processor's own", "the old common baseline"
 WITHOUT_NUMBERS = (
     "tests/benchmarks",
     "tests/browser",
+    "tests/reproduce/test_experiments.py",
+    "tests/reproduce/test_runs.py",
     "tests/test_architecture.py",
     "tests/test_deployment.py",
     *(
@@ -28,11 +30,11 @@ WITHOUT_NUMBERS = (
         for name in (
             "camera",
             "events",
+            "idempotency",
             "killing",
             "openapi",
             "palette",
             "parsers",
-            "remembered",
             "security",
             "serve",
             "sessions",

@@ -9,13 +9,17 @@ measured, not promised: the largest distance between the two surfaces, both ways
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import open3d
 from numpy.typing import NDArray
 
 from pmpnbp.scene.articulated_object import Mesh
 from pmpnbp.scene.meshes import joined, welded
 from pmpnbp.scene.surface_points import even_points
+
+if TYPE_CHECKING:
+    import open3d
 
 SAMPLES = 4000
 VIEW_DIRECTIONS = 64
@@ -46,6 +50,8 @@ def decimate(mesh: Mesh, budget: int) -> Mesh:
     whole = welded(mesh)
     if len(whole.faces) <= budget:
         return whole
+    import open3d  # here, as it takes over a second to import
+
     shape = open3d.geometry.TriangleMesh(
         open3d.utility.Vector3dVector(whole.vertices), open3d.utility.Vector3iVector(whole.faces)
     )
@@ -99,6 +105,8 @@ def _furthest(source: Mesh, target: Mesh) -> float:
 
 
 def _ray_caster(mesh: Mesh) -> open3d.t.geometry.RaycastingScene:
+    import open3d
+
     scene = open3d.t.geometry.RaycastingScene()
     scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
     return scene

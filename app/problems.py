@@ -167,8 +167,8 @@ def _place(location: Sequence[int | str]) -> str:
     return f"{name} in the {where}" if name else f"the {where}"
 
 
-def _reason(found: Mapping[str, Any]) -> str:
-    text = str(found["msg"]).removeprefix("Value error, ")
+def _reason(error: Mapping[str, Any]) -> str:
+    text = str(error["msg"]).removeprefix("Value error, ")
     text = text[:1].lower() + text[1:]
-    given = found.get("input")
+    given = error.get("input")
     return f"{text}, not {given!r}" if isinstance(given, int | float | str) and len(str(given)) <= 80 else text

@@ -121,10 +121,10 @@ class Pictures:
         if scan_name is not None and name in self._backdrops:
             return self._backdrops[name]
         depth = without_specks(resized(scan.depth, across, down), scan)
-        made = _to_bytes(backdrop(scan, across, down)), depth
+        prepared = _to_bytes(backdrop(scan, across, down)), depth
         if scan_name is not None:
-            self._backdrops[name] = made
-        return made
+            self._backdrops[name] = prepared
+        return prepared
 
     def _close(self) -> None:
         images, self._images = self._images, None

@@ -25,8 +25,8 @@ Iteration = Annotated[
 
 def sessions_of(request: Request) -> Sessions:
     """All sessions of the server."""
-    found: Sessions = request.app.state.sessions
-    return found
+    sessions: Sessions = request.app.state.sessions
+    return sessions
 
 
 async def find_source(request: Request, session_id: SessionId) -> Source:
@@ -45,14 +45,14 @@ def read(
     """A session and an iteration of it, None: the newest. HttpProblem 404, also for a link of `links` that its model
     does not have, and 409."""
     session = sessions_of(request).get(session_id)
-    made = session.archive.read(iteration)
-    check_links(made, links)
-    return session, made
+    snapshot = session.archive.read(iteration)
+    check_links(snapshot, links)
+    return session, snapshot
 
 
-def check_links(made: Snapshot, links: Iterable[str]) -> None:
+def check_links(snapshot: Snapshot, links: Iterable[str]) -> None:
     """HttpProblem 404 for the first of `links` that the model does not have."""
-    known = made.problem.mrf.model.links
+    known = snapshot.problem.mrf.model.links
     for link in links:
         if link not in known:
             raise HttpProblem(404, f"link '{link:.60}' is not in the model; it has {', '.join(known)}")

@@ -44,7 +44,7 @@ def get_marginals(
     bins: Annotated[int, Query(ge=1, le=400, description="bars of each histogram")] = 40,
 ) -> Any:
     """The histograms."""
-    session, made = read(request, session_id, iteration, [link])
+    session, snapshot = read(request, session_id, iteration, [link])
     found = [
         {
             "name": one.name,
@@ -53,9 +53,9 @@ def get_marginals(
             "density": one.density.tolist(),
             "estimate": one.estimate,
         }
-        for one in marginals(made.problem, made.report, link, bins, made.placed)
+        for one in marginals(snapshot.problem, snapshot.report, link, bins, snapshot.placed)
     ]
-    return _head(session, made, link) | {"marginals": found}
+    return _head(session, snapshot, link) | {"marginals": found}
 
 
 @router.get(
@@ -74,13 +74,13 @@ def get_heaviest_particles(
     limit: Annotated[int, Query(ge=1, le=20_000, description="particles, at most")] = 50,
 ) -> Any:
     """The best of them."""
-    session, made = read(request, session_id, iteration, [link])
-    node = _node(made, link)
-    heaviest = np.argsort(-made.report.belief.log_weights[node], kind="stable")[:limit]
-    poses_world_link = made.placed.particles[:, made.problem.mrf.model.links.index(link)]
-    found = [_particle(made, node, int(index)) | {"pose": poses_world_link[index].tolist()} for index in heaviest]
-    count = int(made.report.belief.log_weights.shape[1])
-    return without_nan(_head(session, made, link) | {"count": count, "particles": found})
+    session, snapshot = read(request, session_id, iteration, [link])
+    node = _node(snapshot, link)
+    heaviest = np.argsort(-snapshot.report.belief.log_weights[node], kind="stable")[:limit]
+    poses_world_link = snapshot.placed.particles[:, snapshot.problem.mrf.model.links.index(link)]
+    found = [_particle(snapshot, node, int(index)) | {"pose": poses_world_link[index].tolist()} for index in heaviest]
+    count = int(snapshot.report.belief.log_weights.shape[1])
+    return without_nan(_head(session, snapshot, link) | {"count": count, "particles": found})
 
 
 @router.get(
@@ -94,18 +94,18 @@ def get_heaviest_particles(
 )
 def get_particle(session_id: SessionId, link: Link, index: Index, request: Request, iteration: Iteration = None) -> Any:
     """The terms."""
-    session, made = read(request, session_id, iteration, [link])
-    node = _node(made, link)
-    _check_index(made, index)
-    problem, report = made.problem, made.report
+    session, snapshot = read(request, session_id, iteration, [link])
+    node = _node(snapshot, link)
+    _check_index(snapshot, index)
+    problem, report = snapshot.problem, snapshot.report
     model, joint_positions = problem.mrf.model, report.belief.joint_positions
     found = terms(problem, report, node, index)
     joints = None if joint_positions is None else model.joint_values(joint_positions[index])
     return without_nan(
-        _head(session, made, link)
-        | _particle(made, node, index)
+        _head(session, snapshot, link)
+        | _particle(snapshot, node, index)
         | {
-            "pose": made.placed.particles[index, model.links.index(link)].tolist(),
+            "pose": snapshot.placed.particles[index, model.links.index(link)].tolist(),
             "stage": report.stage,
             "origin": origin(problem, report, node, index),
             "ancestor_part": model.parts[ancestor_part(report, node, index)].name,
@@ -155,34 +155,34 @@ def get_particle_picture(
     theme: Annotated[Literal["light", "dark"], Query(description="of the page it is for")] = "light",
 ) -> Response:
     """Draw it."""
-    session, made = read(request, session_id, iteration, [link])
-    _check_index(made, index)
-    views = len(made.problem.observation.views)
+    session, snapshot = read(request, session_id, iteration, [link])
+    _check_index(snapshot, index)
+    views = len(snapshot.problem.observation.views)
     if view >= views:
         raise no_view(session, view, views)
     picture = particle_picture(
-        made.problem, made.report, _node(made, link), index, view=view, width=width, dark=theme == "dark"
+        snapshot.problem, snapshot.report, _node(snapshot, link), index, view=view, width=width, dark=theme == "dark"
     )
     return Response(picture, media_type="image/png")
 
 
-def _head(session: Source, made: Snapshot, link: str) -> dict[str, Any]:
-    part = made.problem.mrf.model.parts[_node(made, link)].name
-    return {"session_id": session.id, "iteration": made.iteration, "link": link, "part": part}
+def _head(session: Source, snapshot: Snapshot, link: str) -> dict[str, Any]:
+    part = snapshot.problem.mrf.model.parts[_node(snapshot, link)].name
+    return {"session_id": session.id, "iteration": snapshot.iteration, "link": link, "part": part}
 
 
-def _node(made: Snapshot, link: str) -> int:
-    return parts_of_links(made.problem.mrf.model)[link]
+def _node(snapshot: Snapshot, link: str) -> int:
+    return parts_of_links(snapshot.problem.mrf.model)[link]
 
 
-def _check_index(made: Snapshot, index: int) -> None:
-    count = made.report.belief.log_weights.shape[1]
+def _check_index(snapshot: Snapshot, index: int) -> None:
+    count = snapshot.report.belief.log_weights.shape[1]
     if index >= count:
         raise HttpProblem(404, f"particle {index} is not here; a part has particles 0 to {count - 1}")
 
 
-def _particle(made: Snapshot, node: int, index: int) -> dict[str, Any]:
-    belief, parts = made.report.belief, made.problem.mrf.model.parts
+def _particle(snapshot: Snapshot, node: int, index: int) -> dict[str, Any]:
+    belief, parts = snapshot.report.belief, snapshot.problem.mrf.model.parts
     log_weight, ancestor = float(belief.log_weights[node, index]), int(belief.origin.ancestor[node, index])
     lender = int(belief.origin.neighbour[node, index])
     return {

@@ -45,15 +45,15 @@ def get_estimate_picture(
 ) -> Response:
     """Draw it, or find it drawn."""
     pictures: Pictures = request.app.state.pictures
-    session, made = read(request, session_id, iteration)
+    session, snapshot = read(request, session_id, iteration)
     scan_name, scan = session.scan(view)
     # an event's number is never used again, while iterations count anew after a reset
-    name = (session_id, made.row["event"], scan_name, width)
+    name = (session_id, snapshot.row["event"], scan_name, width)
     picture = pictures.kept(name)
     if picture is None:
-        model = made.problem.mrf.model
+        model = snapshot.problem.mrf.model
         try:
-            picture = pictures.draw(scan, model, made.placed.part_poses, width, scan_name=scan_name)
+            picture = pictures.draw(scan, model, snapshot.placed.part_poses, width, scan_name=scan_name)
         except DrawingError as error:
             raise HttpProblem(503, str(error)) from None
         pictures.keep(name, picture)

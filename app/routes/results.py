@@ -62,42 +62,42 @@ async def get_estimate(
 ) -> Response:
     """The newest at once where it was asked for before; all else in a thread."""
     session = await find_source(request, session_id)
-    made = session.archive.present
-    if made is None or iteration is not None or wait is not None:
-        made = await anyio.to_thread.run_sync(_found, session, iteration, wait, timeout)
+    snapshot = session.archive.present
+    if snapshot is None or iteration is not None or wait is not None:
+        snapshot = await anyio.to_thread.run_sync(_asked_for, session, iteration, wait, timeout)
     tail = json_bytes({"session_id": session.id, "state": session.state})
-    text = made.known_text
+    text = snapshot.known_text
     if text is None:
-        text = await anyio.to_thread.run_sync(_text, made)
+        text = await anyio.to_thread.run_sync(_text, snapshot)
     return Response(text[:-1] + b"," + tail[1:], media_type="application/json")
 
 
-def _text(made: Snapshot) -> bytes:
-    return made.result_text
+def _text(snapshot: Snapshot) -> bytes:
+    return snapshot.result_text
 
 
-def _found(session: Source, iteration: int | None, wait: Wait | None, timeout: float) -> Snapshot:
+def _asked_for(session: Source, iteration: int | None, wait: Wait | None, timeout: float) -> Snapshot:
     if wait is not None and iteration is None:
         _await(session, wait, timeout)
     return session.archive.read(iteration)
 
 
 def _await(session: Source, wait: Wait, timeout: float) -> None:
-    told = threading.Event()
-    end = session.events.listen(told.set)
+    changed = threading.Event()
+    end = session.events.listen(changed.set)
     try:
         until = time.monotonic() + timeout
-        while not (session.idle or session.events.closed or _so(session, wait)):
+        while not (session.idle or session.events.closed or _reached(session, wait)):
             left = until - time.monotonic()
             if left <= 0:
                 return
-            told.wait(left)
-            told.clear()
+            changed.wait(left)
+            changed.clear()
     finally:
         end()
 
 
-def _so(session: Source, wait: Wait) -> bool:
+def _reached(session: Source, wait: Wait) -> bool:
     progress = session.progress()
     return wait != "idle" and bool(progress[wait])
 
@@ -120,13 +120,13 @@ def get_belief(
     form: FormatQuery = "json",
 ) -> Response:
     """The particles."""
-    session, made = read(request, session_id, iteration, [link])
-    model, belief = made.problem.mrf.model, made.report.belief
+    session, snapshot = read(request, session_id, iteration, [link])
+    model, belief = snapshot.problem.mrf.model, snapshot.report.belief
     node = parts_of_links(model)[link]
-    particles = made.placed.particles[:, model.links.index(link)]
-    members = _members(session, made) | {"link": link, "part": model.parts[node].name}
+    particles = snapshot.placed.particles[:, model.links.index(link)]
+    members = _members(session, snapshot) | {"link": link, "part": model.parts[node].name}
     columns = {"log_weights": belief.log_weights[node], "log_unary": belief.log_unary[node]}
-    return _file(f"{link}-{made.iteration}", written(members, particles, columns, form), form)
+    return _file(f"{link}-{snapshot.iteration}", written(members, particles, columns, form), form)
 
 
 @router.get(
@@ -148,10 +148,10 @@ def get_message(
     form: FormatQuery = "json",
 ) -> Response:
     """The particles."""
-    session, made = read(request, session_id, iteration, [sender, receiver])
-    parts, messages = made.problem.mrf.model.parts, made.report.messages
+    session, snapshot = read(request, session_id, iteration, [sender, receiver])
+    parts, messages = snapshot.problem.mrf.model.parts, snapshot.report.messages
     if messages is None:
-        raise HttpProblem(404, f"iteration {made.iteration} ({made.report.stage}) has no messages")
+        raise HttpProblem(404, f"iteration {snapshot.iteration} ({snapshot.report.stage}) has no messages")
     ends = [next((n for n, part in enumerate(parts) if link in part.links), None) for link in (sender, receiver)]
     found = [
         number
@@ -166,13 +166,13 @@ def get_message(
     number, (source, target) = found[0], (int(messages.sender[found[0]]), int(messages.receiver[found[0]]))
     part = parts[target]
     particles = poses.multiply(messages.poses[number], part.poses_part_link[part.links.index(receiver)])
-    members = _members(session, made) | {"from": parts[source].name, "to": part.name, "link": receiver}
+    members = _members(session, snapshot) | {"from": parts[source].name, "to": part.name, "link": receiver}
     columns = {
         "log_weights": messages.log_weights[number],
         "log_unary": messages.log_unary[number],
         "log_neighbour": messages.log_neighbour[number],
     }
-    return _file(f"{sender}-{receiver}-{made.iteration}", written(members, particles, columns, form), form)
+    return _file(f"{sender}-{receiver}-{snapshot.iteration}", written(members, particles, columns, form), form)
 
 
 @router.get(
@@ -223,16 +223,16 @@ def get_decision(
     ] = None,
 ) -> Any:
     """Decide by the belief's covariance."""
-    session, made = read(request, session_id)
-    names = made.problem.mrf.model.links
+    session, snapshot = read(request, session_id)
+    names = snapshot.problem.mrf.model.links
     asked = [*names] if links is None else list(dict.fromkeys(links.split(",")))
-    check_links(made, asked)
-    limit = made.criteria.max_std if max_std is None else max_std
-    certain = made.placed.certain(limit)
+    check_links(snapshot, asked)
+    limit = snapshot.criteria.max_std if max_std is None else max_std
+    certain = snapshot.placed.certain(limit)
     blocking = [link for link in asked if not certain[names.index(link)]]
     return {
         "session_id": session.id,
-        "iteration": made.iteration,
+        "iteration": snapshot.iteration,
         "action": "look" if blocking else "act",
         "certain": not blocking,
         "max_std": limit,
@@ -272,11 +272,11 @@ def _chunks(file: BinaryIO) -> Iterator[bytes]:
             yield chunk
 
 
-def _members(session: Source, made: Snapshot) -> dict[str, Any]:
+def _members(session: Source, snapshot: Snapshot) -> dict[str, Any]:
     return {
         "session_id": session.id,
-        "iteration": made.iteration,
-        "frame_id": made.problem.observation.frame_id,
+        "iteration": snapshot.iteration,
+        "frame_id": snapshot.problem.observation.frame_id,
     }
 
 

@@ -59,6 +59,6 @@ def create_sample_session(body: SampleRequest, request: Request, response: Respo
     session = sessions_of(request).sample(body.scene)
     if body.run:
         session.run(until="converged")
-    found = session.status()
-    response.headers["Location"] = f"/api/v1/sessions/{found['id']}"
-    return found
+    document = session.status()
+    response.headers["Location"] = f"/api/v1/sessions/{document['id']}"
+    return document

@@ -42,11 +42,11 @@ def create_session(
     path = "/api/v1/sessions"
     fingerprint = hashlib.sha256(body.model_dump_json().encode()).hexdigest()
     members = body.model_dump()
-    found, _ = store.idempotency.once(
+    document, _ = store.idempotency.once(
         call_key(f"POST {path}", idempotency_key), fingerprint, lambda: sessions_of(request).create(members).status()
     )
-    response.headers["Location"] = f"{path}/{found['id']}"
-    return found
+    response.headers["Location"] = f"{path}/{document['id']}"
+    return document
 
 
 @router.get(

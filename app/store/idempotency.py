@@ -31,8 +31,8 @@ class IdempotencyKeys:
         self._lock = threading.Lock()
         self._busy: set[str] = set()
         folder.mkdir(exist_ok=True)
-        found = sorted((path.stat().st_mtime, path.stem) for path in folder.glob("*.json"))
-        self._kept = {name: at for at, name in found}  # oldest first
+        answers = sorted((path.stat().st_mtime, path.stem) for path in folder.glob("*.json"))
+        self._kept = {name: at for at, name in answers}  # oldest first
         self._prune()
 
     def remember(self, key: str, fingerprint: str, response: dict[str, Any]) -> None:

@@ -90,8 +90,8 @@ class Store:
         self._documents: dict[Kind, dict[str, Document | None]] = {}
         for kind, noun in KINDS.items():
             places = [place for place in (root / kind).iterdir() if _ID.fullmatch(place.name) and place.is_dir()]
-            found = {place.name: atomic_files.read_json(place / f"{noun}.json") for place in places}
-            self._documents[kind] = dict(sorted(found.items(), key=lambda entry: _created(entry[1])))
+            read = {place.name: atomic_files.read_json(place / f"{noun}.json") for place in places}
+            self._documents[kind] = dict(sorted(read.items(), key=lambda entry: _created(entry[1])))
             if kind != "sessions":
                 self._room.entry(sum(folder_size(place) for place in places))
         self.idempotency = IdempotencyKeys(root / "remembered", self._incoming)
@@ -178,16 +178,16 @@ class Store:
     def documents(self, kind: Kind) -> list[Document]:
         """Every entry's document, oldest first."""
         with self._lock:
-            return [dict(found) for found in self._documents[kind].values() if found is not None]
+            return [dict(document) for document in self._documents[kind].values() if document is not None]
 
     def document(self, kind: Kind, id: str) -> Document:
         """An entry's document: `id`, `created`, and what its kind has. HttpProblem 404."""
         with self._lock:
             self._check_known(kind, id)
-            found = self._documents[kind][id]
-        if found is None:
+            document = self._documents[kind][id]
+        if document is None:
             raise HttpProblem(404, f"{KINDS[kind]} '{id}' is damaged: its {KINDS[kind]}.json cannot be read")
-        return dict(found)
+        return dict(document)
 
     def file(self, kind: Kind, id: str) -> Path:
         """An entry's file, to read only. HttpProblem 404."""
@@ -198,7 +198,9 @@ class Store:
         session uses it."""
         with self._lock:
             self._check_known(kind, id)
-            users = [session for session, found in self._documents["sessions"].items() if id in _uses(found, kind)]
+            users = [
+                session for session, document in self._documents["sessions"].items() if id in _uses(document, kind)
+            ]
             if users:
                 more = f" and {len(users) - 1} more" if len(users) > 1 else ""
                 raise HttpProblem(409, f"{KINDS[kind]} '{id}' is used by session '{users[0]}'{more}; delete it first")

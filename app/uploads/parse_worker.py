@@ -164,12 +164,12 @@ def _recording(job: Job, open_recording: Callable[[Path], Any], last_shown: Call
 
 def _notes(recording: Any, last: int) -> list[str]:
     """What the writer had to say, and whether something is missing behind iteration `last`."""
-    found: list[str] = []
+    notes: list[str] = []
     newest = None
     with suppress(RecordingError):
         newest = recording.newest()
-        found = recording.notes()
-    return found if newest == last else [*found, f"what comes after iteration {last} is damaged and is left out"]
+        notes = recording.notes()
+    return notes if newest == last else [*notes, f"what comes after iteration {last} is damaged and is left out"]
 
 
 def _check_tables(path: Path) -> None:

@@ -98,14 +98,14 @@ def _message_terms(problem: Problem, report: IterationReport, node: int, particl
         return []
     model, samples = mrf.model, messages.poses.shape[1]
     pooled = samples != report.belief.log_weights.shape[1]
-    found = []
+    entries = []
     for place, message in enumerate(mrf.incoming[node]):
         if np.isnan(shares[place]):
             continue  # pooled: this particle is another message's
         # pooled samples stand message after message, shared ones have the same number in all
         row = particle - place * samples if pooled else particle
         drawn = messages.joint_draw[message, row].tolist()
-        found.append(
+        entries.append(
             MessageTerm(
                 sender=model.parts[mrf.sender[message]].name,
                 log_share=float(shares[place]),
@@ -115,7 +115,7 @@ def _message_terms(problem: Problem, report: IterationReport, node: int, particl
                 joint_draw=dict(zip(model.edge_axis_names(model.edges[mrf.edge[message]]), drawn, strict=False)),
             )
         )
-    return found
+    return entries
 
 
 def _log_prior(problem: Problem, report: IterationReport, node: int, particle: int) -> float:

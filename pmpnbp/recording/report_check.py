@@ -32,7 +32,7 @@ def _fits(problem: Problem, report: IterationReport) -> bool:
         return False
     count = belief.log_weights.shape[1]
     each = nodes, count
-    told = [
+    sound = [
         _numbers(belief.poses, (*each, 7)),
         _numbers(belief.log_weights, each) and bool(np.allclose(np.exp(belief.log_weights).sum(axis=1), 1, atol=1e-3)),
         _numbers(belief.log_unary, each),
@@ -43,7 +43,7 @@ def _fits(problem: Problem, report: IterationReport) -> bool:
         _poses(report.map_poses, (nodes, 7)),
         report.map_joints is None or _finite(report.map_joints, (dof,)),
     ]
-    if not all(told):
+    if not all(sound):
         return False
     if not _poses(belief.poses, (*each, 7)) or not np.all(belief.origin.source < len(SOURCES)):
         return False

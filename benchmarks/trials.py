@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.truth_file import load_truth
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
@@ -29,6 +28,7 @@ from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.scene.scan_files import load_scan
+from pmpnbp.scene.truth_file import load_truth
 from pmpnbp.settings import SessionOptions, Settings, changed
 
 PROJECT = Path(__file__).resolve().parent.parent

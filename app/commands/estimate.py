@@ -80,13 +80,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _problem(arguments: argparse.Namespace, cameras: Sequence[Path | None]) -> tuple[Problem, Inputs]:
-    from app import estimation
     from pmpnbp import settings as settings_module
+    from pmpnbp.recording import prepare
     from pmpnbp.scene.scan_files import load_scan
 
     settings = settings_module.changed(settings_module.preset("robust"), _changes(arguments.config))
     scans = [load_scan(scan, camera) for scan, camera in zip(arguments.scans, cameras, strict=True)]
-    return estimation.prepare(
+    return prepare(
         arguments.model,
         scans,
         arguments.roi,
@@ -125,7 +125,7 @@ def _cameras(cameras: Sequence[Path], scans: Sequence[Path]) -> list[Path | None
 
 
 def _truth(path: Path) -> dict[str, Any]:
-    from app.truth_file import load_truth
+    from pmpnbp.scene.truth_file import load_truth
 
     return load_truth(path)
 

@@ -8,9 +8,10 @@ from collections.abc import Iterable
 from typing import Annotated
 
 import anyio.to_thread
-from fastapi import Path, Query, Request
+from fastapi import Depends, Path, Query, Request
 
 from app.problems import HttpProblem
+from app.sessions.session import Session
 from app.sessions.sessions import Sessions
 from app.sessions.source import Source
 from pmpnbp.readout.snapshot import Snapshot
@@ -37,6 +38,14 @@ async def find_source(request: Request, session_id: SessionId) -> Source:
     if session is None:
         session = await anyio.to_thread.run_sync(sessions.get, session_id)
     return session
+
+
+def _live_session(request: Request, session_id: SessionId) -> Session:
+    return sessions_of(request).session(session_id)
+
+
+# A session that can be told what to do. HttpProblem 404, and 409 for an uploaded recording.
+LiveSession = Annotated[Session, Depends(_live_session)]
 
 
 def read(

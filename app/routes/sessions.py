@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Request, Response
 
 from app.problems import responses
-from app.routes.parameters import SessionId, sessions_of
+from app.routes.parameters import LiveSession, SessionId, sessions_of
 from app.schemas import AddScanRequest, ChangeRequest, RunRequest, Session, SessionRequest, StepRequest, answer
 from app.store.idempotency import call_key
 from app.store.store import Store
@@ -100,9 +100,8 @@ def delete_session(session_id: SessionId, request: Request) -> Response:
     description="Answers at once. A session that finds too many others running waits, first come, first served.",
     responses=responses(404, status_409=_BUSY),
 )
-def run_session(session_id: SessionId, request: Request, body: RunRequest | None = None) -> Any:
+def run_session(session: LiveSession, body: RunRequest | None = None) -> Any:
     """Set it going."""
-    session = sessions_of(request).session(session_id)
     wanted = body or RunRequest()  # type: ignore[call-arg]  # every member has a default
     session.run(wanted.iterations, wanted.until)
     return session.status()
@@ -116,9 +115,8 @@ def run_session(session_id: SessionId, request: Request, body: RunRequest | None
     description="Answers after the last of the iterations.",
     responses=responses(404, status_409=_BUSY),
 )
-def step_session(session_id: SessionId, request: Request, body: StepRequest | None = None) -> Any:
+def step_session(session: LiveSession, body: StepRequest | None = None) -> Any:
     """Iterate."""
-    session = sessions_of(request).session(session_id)
     session.step(1 if body is None else body.iterations).result()
     return session.status()
 
@@ -131,9 +129,8 @@ def step_session(session_id: SessionId, request: Request, body: StepRequest | No
     description="Answers once that iteration is recorded. Nothing happens where the session does not run.",
     responses=responses(404, status_409=_BUSY),
 )
-def pause_session(session_id: SessionId, request: Request) -> Any:
+def pause_session(session: LiveSession) -> Any:
     """Stop it."""
-    session = sessions_of(request).session(session_id)
     session.pause().result()
     return session.status()
 
@@ -146,9 +143,8 @@ def pause_session(session_id: SessionId, request: Request) -> Any:
     description="Back to iteration 0 with the settings and scans now in force, in any state. The old recording goes.",
     responses=responses(404, 507, status_409=_BUSY),
 )
-def reset_session(session_id: SessionId, request: Request) -> Any:
+def reset_session(session: LiveSession) -> Any:
     """Begin anew."""
-    session = sessions_of(request).session(session_id)
     session.reset().result()
     return session.status()
 
@@ -161,9 +157,8 @@ def reset_session(session_id: SessionId, request: Request) -> Any:
     description="From the next iteration on, in any state. Settings that are not named stay; a preset resets them all.",
     responses=responses(404, 507, status_409=_BUSY),
 )
-def change_session(session_id: SessionId, body: ChangeRequest, request: Request) -> Any:
+def change_session(session: LiveSession, body: ChangeRequest) -> Any:
     """Change settings."""
-    session = sessions_of(request).session(session_id)
     session.change(body.config).result()
     return session.status()
 
@@ -177,8 +172,7 @@ def change_session(session_id: SessionId, body: ChangeRequest, request: Request)
     "carries on from where it is.",
     responses=responses(507, status_404="The session or the scan is not here.", status_409="It has this scan already."),
 )
-def add_session_scan(session_id: SessionId, body: AddScanRequest, request: Request) -> Any:
+def add_session_scan(session: LiveSession, body: AddScanRequest) -> Any:
     """Add a view."""
-    session = sessions_of(request).session(session_id)
     session.add_scan(body.scan_id).result()
     return session.status()

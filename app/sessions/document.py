@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from app import estimation
 from app.problems import HttpProblem
 from app.store.store import Store
-from app.truth_file import truth_of
+from pmpnbp import recording
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.snapshot import Criteria
 from pmpnbp.recording import Inputs
+from pmpnbp.scene.truth_file import truth_of
 from pmpnbp.settings import SessionOptions, Settings, changed, preset
 
 Document = dict[str, Any]
@@ -57,7 +57,7 @@ def prepare(store: Store, document: Mapping[str, Any]) -> tuple[Problem, Inputs]
     if not document.get("model_id"):
         raise HttpProblem(409, "the session's document is damaged and does not tell what it was given; delete it")
     check_room(store)
-    return estimation.prepare(
+    return recording.prepare(
         store.file("models", document["model_id"]),
         [store.load_scan(id) for id in present_scans(document)],
         document.get("roi"),

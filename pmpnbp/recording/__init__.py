@@ -7,9 +7,9 @@ inference. `schema` says what is in the file.
 
 from pmpnbp.recording.archive import IterationArchive
 from pmpnbp.recording.changes import Change
-from pmpnbp.recording.inputs import Inputs
+from pmpnbp.recording.inputs import Inputs, prepare
 from pmpnbp.recording.reader import Recording
 from pmpnbp.recording.reopening import make_whole
 from pmpnbp.recording.writer import RecordingWriter, fold_log
 
-__all__ = ["Change", "Inputs", "IterationArchive", "Recording", "RecordingWriter", "fold_log", "make_whole"]
+__all__ = ["Change", "Inputs", "IterationArchive", "Recording", "RecordingWriter", "fold_log", "make_whole", "prepare"]

@@ -8,6 +8,7 @@ import posixpath
 import sqlite3
 import tempfile
 import zipfile
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -25,7 +26,7 @@ from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.model_files import ModelLimits, open_model
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.observe import observe
-from pmpnbp.scene.prior import GaussianPrior, UniformPrior
+from pmpnbp.scene.prior import GaussianPrior, UniformPrior, load_prior
 from pmpnbp.scene.urdf import load_model
 from pmpnbp.settings import SessionOptions, Settings, changed, preset
 
@@ -44,9 +45,10 @@ class Inputs:
     seed: int
     method: str = SessionOptions.method
 
-    def problem(self) -> Problem:
-        """The problem these make. Raises PmpnbpError where they do not."""
-        model = load_model(self.model, triangle_budget=self.settings.triangles)
+    def problem(self, model: ArticulatedObject | None = None) -> Problem:
+        """The problem these make; `model` is what is in their file, where it is read already. Raises PmpnbpError where
+        they make none."""
+        model = model or load_model(self.model, triangle_budget=self.settings.triangles)
         observation = observe(self.scans, self.roi, width=self.settings.image_width)
         return problem_module.build(
             model,
@@ -57,6 +59,30 @@ class Inputs:
             seed=self.seed,
             method=self.method,
         )
+
+
+def prepare(
+    model: Path,
+    scans: Sequence[Scan],
+    roi: Sequence[float] | None,
+    prior: Path | Mapping[str, object] | None,
+    settings: Settings,
+    *,
+    particles: int,
+    seed: int,
+    method: str = SessionOptions.method,
+) -> tuple[Problem, Inputs]:
+    """The problem, and the inputs that a recording keeps of it: the same input and seed give the same numbers, whoever
+    asks.
+
+    model : a URDF or zip; roi : x0 y0 z0 x1 y1 z1, metres, world, or None; prior : prior.json, its members, or None
+    for upright anywhere; method : one of `settings.METHODS`. Raises PmpnbpError for what does not fit together.
+    """
+    found = load_model(model, triangle_budget=settings.triangles)
+    known = UniformPrior("upright") if prior is None else load_prior(prior, found)
+    box = None if roi is None else np.array(roi, dtype=np.float64)
+    inputs = Inputs(model, tuple(scans), box, known, settings, particles, seed, method)
+    return inputs.problem(found), inputs
 
 
 def store(connection: sqlite3.Connection, inputs: Inputs, model: ArticulatedObject) -> None:

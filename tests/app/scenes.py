@@ -6,14 +6,14 @@ import json
 from dataclasses import dataclass
 from functools import cache
 
-from app import estimation
-from app.truth_file import load_truth
 from app.viewer.scan_points import scan_points
 from app.viewer.stage import Stage, stage
 from pmpnbp.inference import run as engine
 from pmpnbp.readout.snapshot import Criteria, Snapshot, snapshot
+from pmpnbp.recording import prepare
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.scan_files import load_scan
+from pmpnbp.scene.truth_file import load_truth
 from pmpnbp.settings import changed, preset
 from tests.app.small_sessions import CABINET, QUICK, ROI
 
@@ -33,7 +33,7 @@ def scene(seed: int = 11, iterations: int = 5) -> Scene:
     folder = CABINET / "open"
     scan = load_scan(folder / "depth.png", folder / "camera.json")
     settings = changed(preset("robust"), json.loads(json.dumps(QUICK)))
-    problem, _ = estimation.prepare(CABINET / "cabinet.urdf", [scan], ROI, None, settings, particles=40, seed=seed)
+    problem, _ = prepare(CABINET / "cabinet.urdf", [scan], ROI, None, settings, particles=40, seed=seed)
     criteria = Criteria(max_std=0.0025, truth=load_truth(folder / "truth.json"))
     snapshots = tuple(
         snapshot(problem, step.report, criteria, converged=step.converged, elapsed=0.0, event=step.iteration)

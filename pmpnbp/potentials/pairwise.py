@@ -207,7 +207,7 @@ def neighbour_sums(
     poses_s : (Q, M, 7), the samples mu_ts; poses_t : (Q, M2, 7) and log_weights_t : (Q, M2), the message u → t
     islands_s : (Q, M), islands_t : (Q, M2), int32: samples of different islands do not meet (psi is 0); both or none
     A sample without a partner, or none with a weight above zero, gives -inf. Never NaN for finite poses, however far
-    apart. Absolute error at most 1e-3 where the result is above -40, for normalised log weights, samples within a few
+    apart. Absolute error at most 2e-3 where the result is above -40, for normalised log weights, samples within a few
     metres of each other and sigmas from 2 mm and 0.05 rad up.
     """
     edge = np.asarray(edge, dtype=np.int64)

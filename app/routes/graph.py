@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from fastapi import APIRouter, Request
 
 from app.palette import hexadecimal, part_colour, part_colour_on_dark
 from app.problems import responses
 from app.routes.parameters import SessionId, sessions_of
 from app.schemas_particles import Graph
+from pmpnbp.readout.estimate import number_or_list
 from pmpnbp.scene.articulated_object import Joint
 
 router = APIRouter(prefix="/api/v1", tags=["results"])
@@ -59,9 +59,5 @@ def get_graph(session_id: SessionId, request: Request) -> Any:
 
 
 def _joint(joint: Joint) -> dict[str, Any]:
-    revolute, _ = joint.elementary_axes()
-    if len(revolute) == 1:
-        return {"name": joint.name, "type": joint.kind, "lower": joint.lower, "upper": joint.upper}
-    # the limits of a planar or floating joint are those of its slides; its turns are free
-    lower, upper = np.where(revolute, -np.pi, joint.lower), np.where(revolute, np.pi, joint.upper)
-    return {"name": joint.name, "type": joint.kind, "lower": lower.tolist(), "upper": upper.tolist()}
+    lower, upper = joint.limits()
+    return {"name": joint.name, "type": joint.kind, "lower": number_or_list(lower), "upper": number_or_list(upper)}

@@ -15,7 +15,7 @@ from app.schemas_particles import HeaviestParticles, Marginals, ParticleReasons
 from app.sessions.source import Source, no_view
 from pmpnbp.inference.belief import SOURCES
 from pmpnbp.json_text import without_nan
-from pmpnbp.readout.estimate import parts_of_links
+from pmpnbp.readout.estimate import number_or_list, parts_of_links
 from pmpnbp.readout.marginals import marginals
 from pmpnbp.readout.particle_terms import ancestor_part, origin, terms
 from pmpnbp.readout.snapshot import Snapshot
@@ -128,7 +128,9 @@ def get_particle(session_id: SessionId, link: Link, index: Index, request: Reque
                 }
                 for message in found.messages
             ],
-            "joint_positions": None if joints is None else {name: _number(moved) for name, moved in joints.items()},
+            "joint_positions": None
+            if joints is None
+            else {name: number_or_list(moved) for name, moved in joints.items()},
         }
     )
 
@@ -194,8 +196,3 @@ def _particle(snapshot: Snapshot, node: int, index: int) -> dict[str, Any]:
         "neighbour": parts[lender].name if lender >= 0 else None,
         "ancestor": ancestor if ancestor >= 0 else None,
     }
-
-
-def _number(moved: Any) -> float | list[float]:
-    numbers: list[float] = moved.tolist()
-    return numbers[0] if len(numbers) == 1 else numbers

@@ -247,11 +247,7 @@ def parts_of_links(model: ArticulatedObject) -> dict[str, int]:
 
 
 def _joint_estimate(joint: Joint, placed: Placement) -> JointEstimate:
-    revolute, _ = joint.elementary_axes()
-    several = len(revolute) > 1
-    # the limits of a planar or floating joint are those of its slides; its turns are free
-    lower = np.where(several & revolute, -np.pi, joint.lower)
-    upper = np.where(several & revolute, np.pi, joint.upper)
+    lower, upper = joint.limits()
     std = abs(joint.multiplier) * placed.joint_stds[list(joint.coordinates)]
     return JointEstimate(joint, joint.positions(placed.joint_positions), std, lower, upper)
 
@@ -280,10 +276,10 @@ def to_result(found: Estimate, truth: Mapping[str, Any] | None = None) -> dict[s
     joints = {
         entry.joint.name: {
             "type": entry.joint.kind,
-            "position": _number_or_list(entry.position),
-            "std": _number_or_list(entry.std),
-            "lower": _number_or_list(entry.lower),
-            "upper": _number_or_list(entry.upper),
+            "position": number_or_list(entry.position),
+            "std": number_or_list(entry.std),
+            "lower": number_or_list(entry.lower),
+            "upper": number_or_list(entry.upper),
             "parent": entry.joint.parent,
             "child": entry.joint.child,
         }
@@ -353,6 +349,7 @@ def _joint_errors(found: Estimate, true_joints: Mapping[str, float]) -> dict[str
     return differences
 
 
-def _number_or_list(values: Array) -> float | list[float]:
+def number_or_list(values: Array) -> float | list[float]:
+    """A joint's (K,) numbers as REST and result.json have them: a number where it has one axis."""
     numbers: list[float] = values.tolist()
     return numbers[0] if len(numbers) == 1 else numbers

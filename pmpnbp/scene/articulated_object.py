@@ -104,6 +104,13 @@ class Joint:
             return np.zeros(0, dtype=np.bool_), np.zeros((0, 3))
         return np.array([self.kind != "prismatic"]), self.axis[None]
 
+    def limits(self) -> tuple[Array, Array]:
+        """(n,), (n,) lower and upper limits of the elementary axes, metres or radians. Those of a planar or floating
+        joint are its slides'; its turns are free."""
+        revolute, _ = self.elementary_axes()
+        free = revolute & (len(revolute) > 1)
+        return np.where(free, -np.pi, self.lower), np.where(free, np.pi, self.upper)
+
     def positions(self, joint_positions: Array) -> Array:
         """(..., K): how far each of its elementary axes is moved at the joint vector (..., D)."""
         return self.multiplier * joint_positions[..., list(self.coordinates)] + self.offset

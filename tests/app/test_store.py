@@ -16,7 +16,7 @@ import pytest
 
 from app.problems import HttpProblem
 from app.store.disk_room import folder_size
-from app.store.store import Kind, Store, StoreError, safe_name
+from app.store.store import Kind, Store, StoreError
 from app.store.stored_scan import read_scan, write_scan
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.scene.observation import Scan
@@ -338,20 +338,3 @@ def test_a_zip_keeps_its_name_for_models_that_have_none(store: Store) -> None:
     assert store.file("models", add_model(store, b"PK\x03\x04", "kitchen.zip")).name == "kitchen.zip"
     assert store.file("models", add_model(store, b"<robot/>", "kitchen.xml")).name == "kitchen.urdf"
     assert store.file("models", add_model(store, b"<robot/>", "")).name == "upload.urdf"
-
-
-@pytest.mark.parametrize(
-    ("name", "safe"),
-    [
-        ("depth.png", "depth.png"),
-        ("../../etc/passwd", "passwd"),
-        ("C:\\scans\\a b.PCD", "a_b.PCD"),
-        ("", "upload"),
-        ("..", "upload"),
-        (".hidden", "upload.hidden"),
-        ("a\0b\n.ply", "a_b_.ply"),
-        ("é" * 200 + ".npz", "_" * 80 + ".npz"),
-    ],
-)
-def test_a_name_from_outside_is_made_safe(name: str, safe: str) -> None:
-    assert safe_name(name) == safe

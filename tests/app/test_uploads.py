@@ -14,6 +14,7 @@ import httpx
 import numpy as np
 import pytest
 
+from app.store.store import safe_name
 from pmpnbp.scene.scan_files import load_scan
 from tests.app import mutations, upload_attack
 from tests.app.upload_calls import CABINET, detail, emptied, nothing_kept, upload
@@ -277,3 +278,20 @@ def test_an_upload_streams_through_the_server(served_process: Callable[..., Any]
     watcher.join()
     assert "scan 'a.pcd'" in detail(answer, 422)
     assert max(peak) - before < 24 << 20
+
+
+@pytest.mark.parametrize(
+    ("name", "safe"),
+    [
+        ("depth.png", "depth.png"),
+        ("../../etc/passwd", "passwd"),
+        ("C:\\scans\\a b.PCD", "a_b.PCD"),
+        ("", "upload"),
+        ("..", "upload"),
+        (".hidden", "upload.hidden"),
+        ("a\0b\n.ply", "a_b_.ply"),
+        ("é" * 200 + ".npz", "_" * 80 + ".npz"),
+    ],
+)
+def test_a_name_from_outside_is_made_safe(name: str, safe: str) -> None:
+    assert safe_name(name) == safe

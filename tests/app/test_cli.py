@@ -5,9 +5,11 @@ from __future__ import annotations
 import ast
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -177,3 +179,14 @@ def test_every_setting_is_listed_with_default_unit_and_help(capsys: Capture) -> 
     assert "\ntolerance_start = 0.06 m\n" in text
     assert "\njoint_draws = 8 draws; paper: 1 draws\n" in text
     assert "\nprior_factor = true; paper: false\n" in text
+
+
+@pytest.mark.parametrize("command", [("benchmark",), ("reproduce", "push")])
+def test_another_package_of_the_name_benchmarks_is_told(
+    command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    for name in [name for name in sys.modules if name.split(".")[0] == "benchmarks"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "benchmarks", ModuleType("benchmarks"))
+    said = refused(capsys, *command)
+    assert re.search(r"benchmarks\.\w+ is not here: another package of the name hides it", said)

@@ -1,13 +1,13 @@
-"""`python -m pmpnbp`, the same as the command `pmpnbp`."""
+"""`python -m pmpnbp`: the installed command of that name. It is looked up, not imported: the library knows no command."""
 
 from __future__ import annotations
 
 import sys
+from importlib.metadata import entry_points
 from pathlib import Path
 
 if __name__ == "__main__":
     if not sys.flags.safe_path:  # the working folder would come first, and may hold an app.py of its own
         sys.path[0] = str(Path(__file__).resolve().parent.parent)
-    from app.cli import main
-
-    sys.exit(main())
+    command, *_ = entry_points(group="console_scripts", name="pmpnbp")
+    sys.exit(command.load()())

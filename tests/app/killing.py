@@ -77,7 +77,7 @@ def kill_often(folder: Path, kills: int, seed: int, say=lambda line: None) -> li
 def look(url: str, known: Acknowledged) -> list[str]:
     """What is missing or differs."""
     lost = []
-    with httpx.Client(base_url=f"{url}/api/v1", timeout=60) as client:
+    with httpx.Client(base_url=f"{url}/api/v1", timeout=600) as client:
         for kind, entries in known.entries.items():
             for entry, checksum in entries.items():
                 answer = client.get(f"/{kind}/{entry}")
@@ -96,7 +96,7 @@ def look(url: str, known: Acknowledged) -> list[str]:
 
 def _upload(url: str, known: Acknowledged, stop: threading.Event) -> None:
     """Models and scans in turn, until the server is gone."""
-    with httpx.Client(base_url=f"{url}/api/v1", timeout=60) as client:
+    with httpx.Client(base_url=f"{url}/api/v1", timeout=600) as client:
         try:
             while not stop.is_set():
                 for kind, upload in (("models", upload_model), ("scans", upload_scan)):
@@ -111,7 +111,7 @@ def _upload(url: str, known: Acknowledged, stop: threading.Event) -> None:
 
 def _iterate(url: str, known: Acknowledged, stop: threading.Event) -> None:
     """The session, made when there is a model and a scan, stepped on."""
-    with httpx.Client(base_url=f"{url}/api/v1", timeout=60) as client:
+    with httpx.Client(base_url=f"{url}/api/v1", timeout=600) as client:
         try:
             while not known.iterations and not stop.is_set():
                 models, scans = list(known.entries["models"]), list(known.entries["scans"])

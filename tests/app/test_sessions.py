@@ -126,7 +126,7 @@ def test_one_that_finds_too_many_running_waits_and_says_so(client: httpx.Client,
     assert [found["state"] for found in states] == ["running", "waiting", "waiting"]
     assert [found["position"] for found in states] == [None, 1, 2]
     # fair: none is done before the last has begun
-    assert client.get(f"{paths[0]}/estimate?wait=idle").json()["iteration"] == 60
+    assert client.get(f"{paths[0]}/estimate?wait=idle&timeout=600").json()["iteration"] == 60
     assert client.get(paths[2]).json()["iteration"] > 0
     for path in paths[1:]:
         assert small.at_rest(client, path)["iteration"] == 60

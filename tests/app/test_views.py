@@ -183,7 +183,7 @@ def test_in_economy_a_running_session_is_drawn_less_often_and_a_step_at_once(
             small.step(served.client, path)
             first = drawn(served, view, iteration)["serial"]
         served.client.post(f"{path}/run", json={"iterations": 40})
-        served.client.get(f"{path}/estimate", params={"wait": "idle"})
+        served.client.get(f"{path}/estimate", params={"wait": "idle", "timeout": 600})
         # not while it ran, but for what was being drawn when it began; and when it had come to rest
         assert drawn(served, view, 42)["serial"] <= first + 2
 

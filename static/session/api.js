@@ -13,7 +13,12 @@ export async function call(path, { method = "GET", body, signal } = {}) {
   if (body !== undefined) headers["Content-Type"] = "application/json";
   let response;
   try {
-    response = await fetch(path, { method, headers, signal, body: body === undefined ? undefined : JSON.stringify(body) });
+    response = await fetch(path, {
+      method,
+      headers,
+      signal,
+      body: body === undefined ? undefined : JSON.stringify(body),
+    });
   } catch (error) {
     if (error.name === "AbortError") throw error;
     throw new Problem(0, "The server does not answer.");
@@ -25,34 +30,36 @@ export async function call(path, { method = "GET", body, signal } = {}) {
   } catch {
     throw new Problem(response.status, `The server answered with ${response.status}, and not with JSON.`);
   }
-  if (!response.ok) throw new Problem(response.status, answer?.detail ?? `The server answered with ${response.status}.`);
+  if (!response.ok)
+    throw new Problem(response.status, answer?.detail ?? `The server answered with ${response.status}.`);
   return answer;
 }
 
-export const root = (id) => `/api/v1/sessions/${encodeURIComponent(id)}`;
-export const at = (iteration) => (iteration === null || iteration === undefined ? "" : `?iteration=${iteration}`);
+export const sessionPath = (id) => `/api/v1/sessions/${encodeURIComponent(id)}`;
+export const iterationQuery = (iteration) =>
+  iteration === null || iteration === undefined ? "" : `?iteration=${iteration}`;
 
-// Server-sent events that come back by themselves. `heard` maps kinds to functions of the data; `opened` hears of each
+// Server-sent events that come back by themselves. `handlers` maps kinds to functions of the data; `opened` hears of each
 // connection, `lost` of each break that lasts, `refused` of an end that the server means.
-export function listen(path, heard, { opened, lost, refused }) {
+export function listen(path, handlers, { opened, lost, refused }) {
   let source = null;
-  let breaking = null;
-  let again = null;
+  let breakTimer = null;
+  let retryTimer = null;
   let ended = false;
   const open = () => {
     source = new EventSource(path);
     source.onopen = () => {
-      clearTimeout(breaking);
-      breaking = null;
+      clearTimeout(breakTimer);
+      breakTimer = null;
       opened?.();
     };
-    for (const [kind, hear] of Object.entries(heard)) {
-      source.addEventListener(kind, (event) => event.data && hear(JSON.parse(event.data)));
+    for (const [kind, handler] of Object.entries(handlers)) {
+      source.addEventListener(kind, (event) => event.data && handler(JSON.parse(event.data)));
     }
     source.onerror = () => {
       // the browser tries again at once; a break shorter than this is nobody's business
-      breaking ??= setTimeout(() => lost?.(), 1200);
-      if (source.readyState === EventSource.CLOSED && !ended) again = setTimeout(retry, 2000);
+      breakTimer ??= setTimeout(() => lost?.(), 1200);
+      if (source.readyState === EventSource.CLOSED && !ended) retryTimer = setTimeout(retry, 2000);
     };
   };
   const retry = async () => {
@@ -63,8 +70,8 @@ export function listen(path, heard, { opened, lost, refused }) {
   open();
   return () => {
     ended = true;
-    clearTimeout(breaking);
-    clearTimeout(again);
+    clearTimeout(breakTimer);
+    clearTimeout(retryTimer);
     source.close();
   };
 }

@@ -13,12 +13,12 @@ export function s(name, attributes = {}, ...children) {
 }
 
 function fill(element, attributes, children) {
-  set(element, attributes);
-  element.append(...children.flat().filter((child) => child !== null && child !== undefined));
+  setAttributes(element, attributes);
+  element.append(...children.flat(Number.POSITIVE_INFINITY).filter((child) => child !== null && child !== undefined));
   return element;
 }
 
-export function set(element, attributes) {
+export function setAttributes(element, attributes) {
   for (const [name, value] of Object.entries(attributes)) {
     if (name === "on") for (const [kind, listener] of Object.entries(value)) element.addEventListener(kind, listener);
     else if (name === "css") for (const [key, text] of Object.entries(value)) element.style.setProperty(key, text);
@@ -29,24 +29,31 @@ export function set(element, attributes) {
 }
 
 // Change a text only where it is another: screen readers would read it again.
-export function say(element, text) {
+export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
-export const find = (id) => document.getElementById(id);
+export const byId = (id) => document.getElementById(id);
 
-// Rows that stay the same elements while their number and contents change, so that focus and scroll stay.
-export function keyed(place, items, key, make, update) {
+// A copy of the element in a <template> of the page.
+export const copyOf = (id) => byId(id).content.firstElementChild.cloneNode(true);
+
+// A name that may be too long for its place: whole under the mouse.
+export function setName(element, name) {
+  setText(element, name);
+  element.title = name;
+}
+
+// Copies of `template` for `items`, by their keys: the same elements while number and contents change, so that focus and
+// scroll stay. `show` fills one in.
+export function reconcile(place, template, items, key, show) {
   const old = new Map([...place.children].map((child) => [child.dataset.key, child]));
   items.forEach((item, at) => {
     const name = String(key(item, at));
-    let child = old.get(name);
-    if (child) old.delete(name);
-    else {
-      child = make(item, at);
-      child.dataset.key = name;
-    }
-    update(child, item, at);
+    const child = old.get(name) ?? copyOf(template);
+    old.delete(name);
+    child.dataset.key = name;
+    show(child, item, at);
     if (place.children[at] !== child) place.insertBefore(child, place.children[at] ?? null);
   });
   for (const child of old.values()) child.remove();
@@ -58,9 +65,9 @@ export function button(text, press, attributes = {}) {
 }
 
 // A few choices side by side, of which one holds. Returns the element and a function that shows the value.
-export function segments(label, choices, choose) {
-  const buttons = choices.map(([value, text]) =>
-    button(text, () => choose(value), { class: "segment", "data-value": value, "aria-pressed": "false" }),
+export function segments(label, values, choose, text = String) {
+  const buttons = values.map((value) =>
+    button(text(value), () => choose(value), { class: "segment", "data-value": value, "aria-pressed": "false" }),
   );
   const element = h("div", { class: "segments", role: "group", "aria-label": label }, buttons);
   const show = (value) => {

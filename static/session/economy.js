@@ -2,9 +2,9 @@
 // too: the 3D view shows fewer of the scan's points and, while the session runs, a picture every two seconds.
 // `?economy=0` in the page's address has it draw all, and `?economy=1` little.
 
-import { find } from "./dom.js";
-import { on, state } from "./state.js";
-import { change } from "./view.js";
+import { byId } from "./dom.js";
+import { state, subscribe } from "./state.js";
+import { changeView } from "./view.js";
 
 // What the renderers are called that draw on the processor.
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
@@ -18,8 +18,10 @@ export function withoutGraphicsCard() {
 }
 
 export function install() {
-  const box = find("economy");
-  box.addEventListener("change", () => change({ economy: box.checked }));
-  on(["view"], () => (box.checked = state.view.economy));
-  on(["session"], () => find("scene").toggleAttribute("data-busy", state.session?.state === "running"));
+  const box = byId("economy");
+  box.addEventListener("change", () => changeView({ economy: box.checked }));
+  subscribe(["view"], () => {
+    box.checked = state.view.economy;
+  });
+  subscribe(["session"], () => byId("scene").toggleAttribute("data-busy", state.session?.state === "running"));
 }

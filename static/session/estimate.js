@@ -1,51 +1,43 @@
 // Where is every link, and how sure is that? Tables of links and joints, or the part or edge that was chosen.
 
-import { find, h, keyed, say } from "./dom.js";
+import { byId, reconcile, setName, setText } from "./dom.js";
 import { joint, millimetres, percent } from "./format.js";
 import { choosePart } from "./graph.js";
-import { colour, on, onTheme, partOfLink, state } from "./state.js";
+import { colour, onTheme, partOfLink, state, subscribe } from "./state.js";
 
 export function install() {
-  on(["estimate", "graph", "view"], show);
+  subscribe(["estimate", "graph", "view"], show);
   onTheme(show);
 }
 
 function show() {
   const chosen = state.view.part || state.view.edge;
-  find("all-links").hidden = Boolean(chosen);
-  find("part").hidden = !state.view.part;
-  find("edge").hidden = !state.view.edge || Boolean(state.view.part);
+  byId("all-links").hidden = Boolean(chosen);
+  byId("part").hidden = !state.view.part;
+  byId("edge").hidden = !state.view.edge || Boolean(state.view.part);
   if (!state.estimate || chosen) return;
-  keyed(find("links"), Object.entries(state.estimate.links), ([name]) => name, makeLink, showLink);
+  reconcile(byId("links"), "link-row", Object.entries(state.estimate.links), ([name]) => name, showLink);
   const joints = Object.entries(state.estimate.joints);
-  find("joints-title").hidden = !joints.length;
-  keyed(find("joints"), joints, ([name]) => name, makeJoint, showJoint);
-}
-
-function makeLink([name]) {
-  const press = () => choosePart(partOfLink(name)?.name ?? name);
-  return h("tr", {},
-    h("th", { scope: "row" }, h("button", { type: "button", class: "plain", on: { click: press } },
-      h("span", { class: "swatch", "aria-hidden": "true" }), h("span", {}, name))),
-    h("td", { class: "figure" }), h("td", { class: "figure" }), h("td", { class: "sure" }));
+  byId("joints-title").hidden = !joints.length;
+  reconcile(byId("joints"), "joint-row", joints, ([name]) => name, showJoint);
 }
 
 function showLink(row, [name, link]) {
-  row.querySelector(".swatch").style.backgroundColor = colour(partOfLink(name));
+  const part = partOfLink(name);
+  row.querySelector("button").onclick = () => choosePart(part?.name ?? name);
+  row.querySelector(".swatch").style.backgroundColor = colour(part);
+  setName(row.querySelector(".long"), name);
   const [, std, visible, sure] = row.children;
-  say(std, millimetres(Math.max(...link.std_xyz)));
-  say(visible, percent(link.visible_fraction));
-  say(sure, link.certain ? "certain" : "not yet");
+  setText(std, millimetres(Math.max(...link.std_xyz)));
+  setText(visible, percent(link.visible_fraction));
+  setText(sure, link.certain ? "certain" : "not yet");
   sure.dataset.certain = String(link.certain);
 }
 
-function makeJoint([name]) {
-  return h("tr", {}, h("th", { scope: "row" }, name), h("td", { class: "figure" }), h("td", { class: "figure quiet" }), h("td", { class: "quiet" }));
-}
-
-function showJoint(row, [, value]) {
-  const [, position, std, type] = row.children;
-  say(position, joint(value.type, value.position));
-  say(std, `± ${joint(value.type, value.std, 2)}`);
-  say(type, value.type);
+function showJoint(row, [name, value]) {
+  const [heading, position, std, type] = row.children;
+  setName(heading, name);
+  setText(position, joint(value.type, value.position));
+  setText(std, `± ${joint(value.type, value.std, 2)}`);
+  setText(type, value.type);
 }

@@ -12,18 +12,19 @@ export function number(value, places = 1) {
   return (value < 0 && Number(text) !== 0 ? MINUS : "") + text;
 }
 
-const withUnit = (text, unit) => (text === "–" ? text : text + NARROW + unit);
+const withUnit = (text, unit, space = NARROW) => (text === "–" ? text : text + space + unit);
 
 export const millimetres = (metres, places = 1) =>
   withUnit(number(metres * 1000, Math.abs(metres) >= 0.1 ? 0 : places), "mm");
 export const centimetres = (metres, places = 1) => withUnit(number(metres * 100, places), "cm");
-export const degrees = (radians, places = 1) => withUnit(number(radians * DEGREES, places), "°").replace(NARROW + "°", "°");
+export const degrees = (radians, places = 1) => withUnit(number(radians * DEGREES, places), "°", "");
 export const percent = (share, places = 0) => withUnit(number(share * 100, places), "%");
 export const nats = (value, places = 1) => number(value, places);
 
 // A joint's position by its type: metres for slides, radians for turns, lists for planar and floating ones.
 export function joint(type, value, places = 1) {
-  if (Array.isArray(value)) return value.map((one, at) => (isAngle(type, at) ? degrees(one) : centimetres(one))).join(", ");
+  if (Array.isArray(value))
+    return value.map((one, at) => (isAngle(type, at) ? degrees(one) : centimetres(one))).join(", ");
   if (value === null || value === undefined) return "–";
   return isAngle(type, 0) ? degrees(value, places) : centimetres(value, places);
 }
@@ -43,6 +44,6 @@ export function measured(value, unit, places = 1) {
 // The few digits of a round number, as at the ticks of an axis.
 export const plain = (value) => String(Number(value.toPrecision(3))).replace("-", MINUS);
 
-export function plural(count, one, many = one + "s") {
+export function plural(count, one, many = `${one}s`) {
   return `${count} ${count === 1 ? one : many}`;
 }

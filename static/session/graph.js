@@ -1,10 +1,10 @@
 // What hangs on what? The Markov random field as a drawing: a node per part with a ring that closes as it becomes
 // certain, an edge per pair of parts that joints connect.
 
-import { find, s, say, set } from "./dom.js";
+import { byId, s, setAttributes, setText } from "./dom.js";
 import { millimetres } from "./format.js";
-import { colour, maxStd, on, onTheme, rowAt, shown, state } from "./state.js";
-import { change } from "./view.js";
+import { colour, maxStd, onTheme, rowAt, shownIteration, state, subscribe } from "./state.js";
+import { changeView } from "./view.js";
 
 const WIDTH = 348;
 const RADIUS = 11;
@@ -15,19 +15,19 @@ const nodes = new Map();
 const edges = [];
 
 export function install() {
-  on(["graph"], build);
-  on(["graph", "rows", "recalled", "view"], show);
+  subscribe(["graph"], build);
+  subscribe(["graph", "rows", "recalled", "view"], show);
   onTheme(show);
 }
 
 // Choose a part; a second time lets it go.
 export function choosePart(name) {
-  change({ part: state.view.part === name ? null : name, edge: null, particle: null });
+  changeView({ part: state.view.part === name ? null : name, edge: null, particle: null });
 }
 
 function chooseEdge(parent, child) {
   const same = state.view.edge?.[0] === parent && state.view.edge?.[1] === child;
-  change({ edge: same ? null : [parent, child], part: null, particle: null, show: { messages: !same } });
+  changeView({ edge: same ? null : [parent, child], part: null, particle: null, show: { messages: !same } });
 }
 
 // Where the parts stand: leaves side by side, parents over the middle of their children, a row per generation.
@@ -54,7 +54,7 @@ export function layout({ parts, edges: pairs }) {
 }
 
 function build() {
-  const drawing = find("graph");
+  const drawing = byId("graph");
   drawing.replaceChildren();
   nodes.clear();
   edges.length = 0;
@@ -63,7 +63,7 @@ function build() {
   const deep = depth > 3;
   const row = deep ? 38 : depth > 1 ? 70 : 84;
   const height = (deep ? 44 : 62) + depth * row;
-  set(drawing, { viewBox: `0 0 ${WIDTH} ${height}`, "data-deep": String(deep) });
+  setAttributes(drawing, { viewBox: `0 0 ${WIDTH} ${height}`, "data-deep": String(deep) });
   const column = WIDTH / leaves;
   const x = (name) => (deep ? 40 + placed.get(name).column * column : (placed.get(name).column + 0.5) * column);
   const y = (name) => 24 + placed.get(name).depth * row;
@@ -72,11 +72,29 @@ function build() {
     if (!placed.has(edge.parent) || !placed.has(edge.child)) continue;
     const [x1, y1, x2, y2] = [x(edge.parent), y(edge.parent), x(edge.child), y(edge.child)];
     const types = [...new Set(edge.joints.map((joint) => joint.type))].join(", ");
-    const place = s("g", { class: "edge", role: "button", tabindex: "0", "aria-pressed": "false",
-      "aria-label": `${types} joint ${edge.joints.map((joint) => joint.name).join(", ")} between ${edge.parent} and ${edge.child}: show its messages` },
-      s("line", { class: "reach", x1, y1, x2, y2 }),
-      s("line", { class: "wire", x1, y1, x2, y2 }),
-      s("text", { class: "edge-label", x: x1 + (x2 - x1) * 0.56 + (deep ? 8 : 0), y: y1 + (y2 - y1) * (deep ? 0.5 : 0.56) + 3.5 }, types));
+    const place = s(
+      "g",
+      {
+        class: "edge",
+        role: "button",
+        tabindex: "0",
+        "aria-pressed": "false",
+        "aria-label": `${types} joint ${edge.joints.map((joint) => joint.name).join(", ")} between ${edge.parent} and ${edge.child}: show its messages`,
+      },
+      [
+        s("line", { class: "reach", x1, y1, x2, y2 }),
+        s("line", { class: "wire", x1, y1, x2, y2 }),
+        s(
+          "text",
+          {
+            class: "edge-label",
+            x: x1 + (x2 - x1) * 0.56 + (deep ? 8 : 0),
+            y: y1 + (y2 - y1) * (deep ? 0.5 : 0.56) + 3.5,
+          },
+          types,
+        ),
+      ],
+    );
     press(place, () => chooseEdge(edge.parent, edge.child));
     edges.push({ place, edge });
     drawing.append(place);
@@ -88,19 +106,31 @@ function build() {
     const ring = s("circle", { class: "ring", cx, cy, r: RING, transform: `rotate(-90 ${cx} ${cy})` });
     const disc = s("circle", { class: "disc", cx, cy, r: RADIUS });
     const tick = s("path", { class: "tick", d: `M${cx - 4.5} ${cy + 0.5}l3 3.2 6-6.4` });
-    const text = deep || (beside && depth > 0)
-      ? s("text", { class: "node-label", x: cx + RING + 7, y: cy + 4 }, beside ? part.name : shorter(part.name, room))
-      : s("text", { class: "node-label middle", x: cx, y: cy + RING + 14 }, shorter(part.name, room));
+    const text =
+      deep || (beside && depth > 0)
+        ? s("text", { class: "node-label", x: cx + RING + 7, y: cy + 4 }, beside ? part.name : shorter(part.name, room))
+        : s("text", { class: "node-label middle", x: cx, y: cy + RING + 14 }, shorter(part.name, room));
     const title = s("title");
-    const place = s("g", { class: "node", role: "button", tabindex: "0", "aria-pressed": "false", "data-part": part.name },
-      title, s("circle", { class: "ground", cx, cy, r: RING + 2.5 }), s("circle", { class: "rail", cx, cy, r: RING }), ring, disc, tick, text);
+    const place = s(
+      "g",
+      { class: "node", role: "button", tabindex: "0", "aria-pressed": "false", "data-part": part.name },
+      [
+        title,
+        s("circle", { class: "ground", cx, cy, r: RING + 2.5 }),
+        s("circle", { class: "rail", cx, cy, r: RING }),
+        ring,
+        disc,
+        tick,
+        text,
+      ],
+    );
     press(place, () => choosePart(part.name));
     nodes.set(part.name, { place, ring, disc, title, at, part });
     drawing.append(place);
   });
 }
 
-const shorter = (name, room) => (name.length <= room ? name : name.slice(0, Math.max(3, Math.floor(room) - 1)) + "…");
+const shorter = (name, room) => (name.length <= room ? name : `${name.slice(0, Math.max(3, Math.floor(room) - 1))}…`);
 
 function press(place, act) {
   place.addEventListener("click", act);
@@ -113,21 +143,25 @@ function press(place, act) {
 }
 
 function show() {
-  const row = rowAt(shown());
+  const row = rowAt(shownIteration());
   for (const [name, { place, ring, disc, title, at, part }] of nodes) {
     const std = row?.std[at] ?? null;
     const certain = std !== null && std <= maxStd();
     // full where certain; on the way there by the logarithm, from a tenth at 100 times the limit
     const share = std === null ? 0 : Math.min(1, Math.max(0.06, 1 - Math.log10(std / maxStd()) / 2));
-    const told = `${name}, ${certain ? "certain" : "not certain"}, standard deviation ${std === null ? "unknown" : millimetres(std)}`;
-    set(place, { "aria-pressed": String(state.view.part === name), "aria-label": told, "data-certain": String(certain) });
+    const label = `${name}, ${certain ? "certain" : "not certain"}, standard deviation ${std === null ? "unknown" : millimetres(std)}`;
+    setAttributes(place, {
+      "aria-pressed": String(state.view.part === name),
+      "aria-label": label,
+      "data-certain": String(certain),
+    });
     disc.style.fill = colour(part);
     ring.style.stroke = certain ? "" : colour(part);
-    set(ring, { "stroke-dasharray": `${(share * AROUND).toFixed(1)} ${AROUND.toFixed(1)}` });
-    say(title, told);
+    setAttributes(ring, { "stroke-dasharray": `${(share * AROUND).toFixed(1)} ${AROUND.toFixed(1)}` });
+    setText(title, label);
   }
   for (const { place, edge } of edges) {
     const chosen = state.view.edge?.includes(edge.parent) && state.view.edge?.includes(edge.child);
-    set(place, { "aria-pressed": String(Boolean(chosen)) });
+    setAttributes(place, { "aria-pressed": String(Boolean(chosen)) });
   }
 }

@@ -1,8 +1,9 @@
 // What has happened so far? The trace, its changes and the estimate of the iteration that is looked at, kept up to date
 // by the session's events; when the connection breaks it is said, and all is asked for again once it is back.
 
-import { at, call, listen, Problem, root } from "./api.js";
-import { on, put, rowAt, shown, state, touch } from "./state.js";
+import { call, iterationQuery, listen, Problem, sessionPath } from "./api.js";
+import { notify, rowAt, shownIteration, state, subscribe, update } from "./state.js";
+import { goToIteration } from "./view.js";
 
 const PACE = 200; // milliseconds between two estimates
 const AGAIN = 1500; // milliseconds to the next try where the server was not heard
@@ -12,14 +13,14 @@ const ROWS = 4000; // of the trace, at most: beyond it every second one is forgo
 const CHANGE = 400; // milliseconds after which a changed session is asked for its changes
 
 const estimates = new Map();
-let end = null;
+let closeEvents = null;
 
-let tries = null;
+let retryTimer = null;
 // While the server is not heard, ask again: not every call that fails breaks the events' connection.
 function retry() {
-  if (!state.lost || tries) return;
-  tries = setTimeout(() => {
-    tries = null;
+  if (!state.lost || retryTimer) return;
+  retryTimer = setTimeout(() => {
+    retryTimer = null;
     load().catch(report).finally(retry);
   }, AGAIN);
 }
@@ -29,49 +30,65 @@ function retry() {
 export async function follow(id, sparing) {
   state.id = id;
   await load();
-  end?.();
+  closeEvents?.();
   let before = true;
-  end = listen(`${root(id)}/events${sparing ? `?every=${EVERY}` : ""}`, { iteration: hearIteration, state: hearState, error: hearState }, {
-    opened: () => {
-      if (!before || state.lost) load().catch(report);
-      before = false;
+  closeEvents = listen(
+    `${sessionPath(id)}/events${sparing ? `?every=${EVERY}` : ""}`,
+    { iteration: hearIteration, state: hearState, error: hearState },
+    {
+      opened: () => {
+        if (!before || state.lost) load().catch(report);
+        before = false;
+      },
+      lost: () => update({ lost: true }),
+      refused: sessionIsGone,
     },
-    lost: () => put({ lost: true }),
-    refused: gone,
-  });
-  on(["lost"], retry);
+  );
+  subscribe(["lost"], retry);
 }
 
 async function load() {
   const id = state.id;
-  const session = await call(root(id));
+  const session = await call(sessionPath(id));
   const [graph, trace] = await Promise.all([
-    call(`${root(id)}/graph`).catch(() => null),
-    call(`${root(id)}/trace?limit=${ROWS}`).catch((error) => (session.state === "failed" ? { iterations: [] } : Promise.reject(error))),
+    call(`${sessionPath(id)}/graph`).catch(() => null),
+    call(`${sessionPath(id)}/trace?limit=${ROWS}`).catch((error) =>
+      session.state === "failed" ? { iterations: [] } : Promise.reject(error),
+    ),
   ]);
-  state.graph = graph ?? guessed(trace.iterations.at(-1));
+  state.graph = graph ?? graphOfTrace(trace.iterations.at(-1));
   estimates.clear();
   const rows = trace.iterations.map(compact);
-  put({ session, graph: state.graph, rows, recalled: null, changes: trace.changes ?? [], lost: false });
+  update({ session, graph: state.graph, rows, recalled: null, changes: trace.changes ?? [], lost: false });
 }
 
-async function gone() {
+async function sessionIsGone() {
   try {
-    await call(root(state.id));
+    await call(sessionPath(state.id));
     return false;
   } catch (error) {
     if (error.status !== 404) return false;
-    put({ lost: false, trouble: "This session is not here any more.", session: { ...state.session, state: "deleted" } });
+    update({
+      lost: false,
+      trouble: "This session is not here any more.",
+      session: { ...state.session, state: "deleted" },
+    });
     return true;
   }
 }
 
-const report = (error) => error instanceof Problem && error.status === 0 ? put({ lost: true }) : put({ trouble: error.message });
+const report = (error) =>
+  error instanceof Problem && error.status === 0 ? update({ lost: true }) : update({ trouble: error.message });
 
 // Without the graph parts are known by the trace alone.
-function guessed(row) {
+function graphOfTrace(row) {
   const names = Object.keys(row?.effective_sample_size ?? {});
-  return { parts: names.map((name) => ({ name, links: [name], colour: null, colour_dark: null })), edges: [], views: 1, truth: false };
+  return {
+    parts: names.map((name) => ({ name, links: [name], colour: null, colour_dark: null })),
+    edges: [],
+    views: 1,
+    truth: false,
+  };
 }
 
 // A row by part, in the graph's order: a long session has many of them.
@@ -103,52 +120,61 @@ function hearIteration(row) {
     state.rows = state.rows.filter((old) => old.iteration < row.iteration); // it began anew
     estimates.clear();
     state.estimate = state.recalled = null;
-    if (state.view.iteration !== null && state.view.iteration > row.iteration) state.view.iteration = null;
-    askChanges();
+    if (state.view.iteration !== null && state.view.iteration > row.iteration) goToIteration(null);
+    refreshChanges();
   } else if (row.iteration > last + 1 && last >= 0) {
     fetchMissed(last);
     return;
   }
-  keep(row);
-  if (state.session) Object.assign(state.session, { iteration: row.iteration, converged: row.converged, certain: row.certain });
+  appendRows(row);
+  if (state.session)
+    Object.assign(state.session, { iteration: row.iteration, converged: row.converged, certain: row.certain });
   if (state.lost) state.lost = false;
-  touch("rows", "session", "lost", "view");
+  notify("rows", "session", "lost", "view");
 }
 
-function keep(...rows) {
+function appendRows(...rows) {
   state.rows.push(...rows.map(compact));
   while (state.rows.length > ROWS) state.rows = state.rows.filter((_, at, all) => (all.length - 1 - at) % 2 === 0);
 }
 
-let missing = null;
+let missed = null;
 async function fetchMissed(after) {
-  missing ??= call(`${root(state.id)}/trace?after=${after}&limit=${ROWS}`)
+  if (missed) return;
+  missed = call(`${sessionPath(state.id)}/trace?after=${after}&limit=${ROWS}`)
     .then((trace) => {
       const known = state.rows.at(-1)?.iteration ?? -1;
-      keep(...trace.iterations.filter((row) => row.iteration > known));
-      touch("rows", "session");
+      appendRows(...trace.iterations.filter((row) => row.iteration > known));
+      notify("rows", "session");
     })
     .catch(report)
-    .finally(() => (missing = null));
+    .finally(() => {
+      missed = null;
+    });
 }
 
 function hearState(progress) {
   if (!state.session) return;
   Object.assign(state.session, progress);
-  touch("session");
+  notify("session");
+  refreshChanges();
 }
 
-let asking = null;
-// Settings or scans have changed: which, and after which iteration, is in the trace.
-export function askChanges() {
-  clearTimeout(asking);
-  asking = setTimeout(async () => {
+let refreshing = null;
+// Settings or scans may have been changed, here or elsewhere: which, and after which iteration, is in the trace.
+function refreshChanges() {
+  clearTimeout(refreshing);
+  refreshing = setTimeout(async () => {
     try {
-      const [session, trace] = await Promise.all([
-        call(root(state.id)),
-        call(`${root(state.id)}/trace?after=${state.rows.at(-1)?.iteration ?? -1}`),
+      const [{ config, scan_ids }, { changes }] = await Promise.all([
+        call(sessionPath(state.id)),
+        call(`${sessionPath(state.id)}/trace?after=${state.rows.at(-1)?.iteration ?? -1}`),
       ]);
-      put({ session, changes: trace.changes ?? [] });
+      // how far it has come is told by the events alone: this answer may be older than the newest of them
+      Object.assign(state.session, { config, scan_ids });
+      state.graph.views = Math.max(state.graph.views, scan_ids.length);
+      notify("session");
+      update({ changes: changes ?? [] });
     } catch (error) {
       report(error);
     }
@@ -156,38 +182,38 @@ export function askChanges() {
 }
 
 // The row of an iteration, where the page has forgotten it; else null.
-async function forgotten(iteration) {
+async function fetchForgotten(iteration) {
   if (rowAt(iteration)?.iteration === iteration) return null;
-  const { iterations } = await call(`${root(state.id)}/trace?after=${iteration - 1}&last=${iteration}`);
+  const { iterations } = await call(`${sessionPath(state.id)}/trace?after=${iteration - 1}&last=${iteration}`);
   return iterations.length ? compact(iterations[0]) : null;
 }
 
-let pacing = null;
-let busy = false;
+let pause = null;
+let asking = false;
 // Have `state.estimate` be that of the iteration that is looked at, soon; not while nobody looks.
-export function wantEstimate() {
-  if (pacing || busy || document.hidden) return;
-  const iteration = shown();
+export function refreshEstimate() {
+  if (pause || asking || document.hidden) return;
+  const iteration = shownIteration();
   if (state.estimate?.iteration === iteration) return;
   const known = estimates.get(iteration);
   if (known) {
-    put(known);
+    update(known);
     return;
   }
-  busy = true;
-  Promise.all([call(`${root(state.id)}/estimate${at(iteration)}`), forgotten(iteration)])
+  asking = true;
+  Promise.all([call(`${sessionPath(state.id)}/estimate${iterationQuery(iteration)}`), fetchForgotten(iteration)])
     .then(([estimate, row]) => {
-      const found = row ? { estimate, recalled: row } : { estimate };
-      estimates.set(estimate.iteration, found);
+      const entry = row ? { estimate, recalled: row } : { estimate };
+      estimates.set(estimate.iteration, entry);
       if (estimates.size > KEPT) estimates.delete(estimates.keys().next().value);
-      put(found);
+      update(entry);
     })
-    .catch((error) => (error.status === 0 ? put({ lost: true }) : null))
+    .catch((error) => (error.status === 0 ? update({ lost: true }) : null))
     .finally(() => {
-      busy = false;
-      pacing = setTimeout(() => {
-        pacing = null;
-        wantEstimate();
+      asking = false;
+      pause = setTimeout(() => {
+        pause = null;
+        refreshEstimate();
       }, PACE);
     });
 }

@@ -1,8 +1,8 @@
 // Which keys do something? Those that no control under the focus takes for itself; in the 3D view too, but for the keys
 // it moves its camera with.
 
-import { find } from "./dom.js";
 import { playOrPause, step } from "./controls.js";
+import { byId } from "./dom.js";
 import { isRecording } from "./state.js";
 import { live, move, playback } from "./timeline.js";
 
@@ -21,7 +21,7 @@ export function install(frame) {
       // the frame shows an error page of the browser's own: no keys there
     }
   });
-  find("help-open").addEventListener("click", () => find("help").showModal());
+  byId("help-open").addEventListener("click", () => byId("help").showModal());
 }
 
 function press(event) {
@@ -43,7 +43,7 @@ function press(event) {
     L: live,
     s: step,
     S: step,
-    "?": () => find("help").showModal(),
+    "?": () => byId("help").showModal(),
   };
   const act = acts[event.key];
   if (!act) return;

@@ -1,14 +1,14 @@
-// The page of one session: puts its pieces together. What each does is told in its own file.
+// The page of one session: puts its pieces together. What each does stands in its own file.
 
 import { call } from "./api.js";
 import * as compare from "./compare.js";
 import * as controls from "./controls.js";
-import { find } from "./dom.js";
+import { byId } from "./dom.js";
 import * as economy from "./economy.js";
 import * as edge from "./edge.js";
 import * as estimate from "./estimate.js";
 import * as graph from "./graph.js";
-import { follow, wantEstimate } from "./history.js";
+import { follow, refreshEstimate } from "./history.js";
 import * as keyboard from "./keyboard.js";
 import * as layers from "./layers.js";
 import * as part from "./part.js";
@@ -16,72 +16,81 @@ import * as particle from "./particle.js";
 import * as plots from "./plots.js";
 import * as settings from "./settings.js";
 import * as share from "./share.js";
-import { isLive, isRecording, newest, on, onTheme, put, state, theme } from "./state.js";
+import { isLive, isRecording, newestIteration, onTheme, state, subscribe, theme, update } from "./state.js";
 import * as tabs from "./tabs.js";
 import * as timeline from "./timeline.js";
-import { change, openView } from "./view.js";
+import { changeView, declareView, openView } from "./view.js";
 
 const AGAIN = 2000; // milliseconds to the next try where the server does not answer
 
 begin();
 
 async function begin() {
-  const frame = find("scene");
+  const frame = byId("scene");
   state.id = decodeURIComponent(location.pathname.split("/")[2]);
   state.viewId = viewId();
-  const first = share.restored(location.search);
+  const first = share.viewOfLink(location.search);
   controls.install();
+  await untilAnswered(declareView);
   tabs.install(new URLSearchParams(location.search).get("tab"));
-  for (const piece of [timeline, plots, graph, estimate, part, edge, particle, layers, economy, compare, share]) piece.install();
+  for (const piece of [timeline, plots, graph, estimate, part, edge, particle, layers, economy, compare, share])
+    piece.install();
   keyboard.install(frame);
-  settings.install().catch((error) => put({ trouble: error.message }));
+  settings.install().catch((error) => update({ trouble: error.message }));
   const asked = new URLSearchParams(location.search).get("economy");
   const sparing = asked === null ? economy.withoutGraphicsCard() : asked !== "0";
-  if (!(await reached(sparing))) return;
+  if (!(await loadSession(sparing))) return;
   await openView({ ...first, economy: sparing });
   frame.src = `/sessions/${encodeURIComponent(state.id)}/view/${state.viewId}/${sparing ? "?economy" : ""}`;
-  on(["rows", "view", "lost"], wantEstimate);
-  on(["view", "tab"], address);
-  onTheme(() => change({ theme: theme() }));
+  subscribe(["rows", "view", "lost"], refreshEstimate);
+  subscribe(["view", "tab"], keepAddress);
+  onTheme(() => changeView({ theme: theme() }));
   document.addEventListener("visibilitychange", () => {
-    change({ hidden: document.hidden });
-    wantEstimate();
+    changeView({ hidden: document.hidden });
+    refreshEstimate();
   });
   // where somebody clicked in the scene, the reason is what they want to see
   let before = state.view.particle;
-  let seen = newest();
-  on(["view", "rows"], () => {
+  let seen = newestIteration();
+  subscribe(["view", "rows"], () => {
     const particle = state.view.particle;
     if (particle !== null && particle !== before) {
       if (before === null) tabs.open("why");
-      if (isLive() && state.session.state === "running") change({ iteration: seen }); // it would be gone in a moment
-    } else if (particle !== null && isLive() && newest() !== seen) change({ particle: null });
+      if (isLive() && state.session.state === "running") changeView({ iteration: seen }); // it would be gone in a moment
+    } else if (particle !== null && isLive() && newestIteration() !== seen) changeView({ particle: null });
     before = state.view.particle;
-    seen = newest();
+    seen = newestIteration();
   });
   document.body.dataset.ready = "true";
-  if (isRecording()) damage();
+  if (isRecording()) reportDamage();
 }
 
 // A recording of which not everything can be read says so; its other notes are the writer's, for programs.
-async function damage() {
+async function reportDamage() {
   const { notes } = await call(`/api/v1/recordings/${encodeURIComponent(state.id)}`).catch(() => ({ notes: [] }));
-  const told = notes.filter((note) => note.includes("is damaged"));
-  if (told.length) put({ trouble: `Of this recording, ${told.join("; ")}.` });
+  const damages = notes.filter((note) => note.includes("is damaged"));
+  if (damages.length) update({ trouble: `Of this recording, ${damages.join("; ")}.` });
 }
 
-// Whether there is such a session; where the server does not answer it is asked until it does.
-async function reached(sparing) {
+// Whether there is such a session.
+async function loadSession(sparing) {
+  try {
+    await untilAnswered(() => follow(state.id, sparing));
+    return true;
+  } catch (error) {
+    update({ session: { id: state.id, name: "Not here", state: "deleted", error: error.message } });
+    return false;
+  }
+}
+
+// What `ask` gives; where the server does not answer it is asked until it does.
+async function untilAnswered(ask) {
   for (;;) {
     try {
-      await follow(state.id, sparing);
-      return true;
+      return await ask();
     } catch (error) {
-      if (error.status !== 0 && error.status < 500) {
-        put({ session: { id: state.id, name: "Not here", state: "deleted", error: error.message } });
-        return false;
-      }
-      put({ lost: true, session: state.session ?? { id: state.id, state: "paused" } });
+      if (error.status !== 0 && error.status < 500) throw error;
+      update({ lost: true, session: state.session ?? { id: state.id, state: "paused" } });
       await new Promise((resolve) => setTimeout(resolve, AGAIN));
     }
   }
@@ -92,16 +101,18 @@ function viewId() {
   const key = `view of ${state.id}`;
   const asked = new URLSearchParams(location.search).get("view");
   if (asked && /^[A-Za-z0-9_-]{1,64}$/.test(asked)) return asked;
-  const name = sessionStorage.getItem(key) ?? crypto.getRandomValues(new Uint32Array(2)).reduce((text, value) => text + value.toString(16).padStart(8, "0"), "");
+  const name =
+    sessionStorage.getItem(key) ??
+    crypto.getRandomValues(new Uint32Array(2)).reduce((text, value) => text + value.toString(16).padStart(8, "0"), "");
   sessionStorage.setItem(key, name);
   return name;
 }
 
-let written = null;
-function address() {
-  clearTimeout(written);
-  written = setTimeout(() => {
-    const given = share.query();
+let addressTimer = null;
+function keepAddress() {
+  clearTimeout(addressTimer);
+  addressTimer = setTimeout(() => {
+    const given = share.linkParameters();
     const asked = new URLSearchParams(location.search);
     for (const name of ["view", "economy"]) if (asked.has(name)) given.set(name, asked.get(name));
     history.replaceState(null, "", location.pathname + (given.size ? `?${given}` : ""));

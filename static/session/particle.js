@@ -1,79 +1,90 @@
 // Why does this particle weigh what it does? The best particles of a part, and of the chosen one its pose, where it came
 // from, what the scan and each message give to its weight, and what the camera saw against what it would have seen.
 
-import { call, root } from "./api.js";
+import { call, sessionPath } from "./api.js";
 import { bars } from "./charts.js";
-import { button, find, h, keyed, say } from "./dom.js";
+import { button, byId, h, reconcile, setName, setText } from "./dom.js";
 import { centimetres, joint, nats, number, percent } from "./format.js";
-import { colour, colourOf, on, onTheme, oldest, partNamed, shown, state } from "./state.js";
-import { change } from "./view.js";
-import { paced } from "./pace.js";
+import { colour, colourOf, oldestIteration, onTheme, partNamed, shownIteration, state, subscribe } from "./state.js";
+import { throttled } from "./throttle.js";
+import { changeView } from "./view.js";
 
 const LISTED = 24;
 const PICTURE_PACE = 800; // milliseconds between two pictures
 const SOURCES = { own: "own belief", neighbour: "a neighbour" };
 
 const current = () => partNamed(state.view.part) ?? state.graph.parts[0] ?? null;
-const beliefs = (part) => `${root(state.id)}/beliefs/${encodeURIComponent(part.links[0])}`;
-const wanted = () => `${current()?.name}@${shown()}`;
+const beliefs = (part) => `${sessionPath(state.id)}/beliefs/${encodeURIComponent(part.links[0])}`;
+const currentKey = () => `${current()?.name}@${shownIteration()}`;
 
 export function install() {
-  const list = paced(listed, wanted, sentence("particles-calm"));
-  const why = paced(explained, () => `${wanted()}#${state.view.particle}`, sentence("why-calm"));
+  const list = throttled(listParticles, currentKey, sentence("particles-calm"));
+  const why = throttled(explainParticle, () => `${currentKey()}#${state.view.particle}`, sentence("why-calm"));
   const ask = () => {
     if (state.tab !== "why" || !current()) return;
     chips();
-    find("why").hidden = state.view.particle === null;
-    find("why-none").hidden = state.view.particle !== null;
+    byId("why").hidden = state.view.particle === null;
+    byId("why-none").hidden = state.view.particle !== null;
     list();
     if (state.view.particle !== null) why();
     mark();
   };
-  on(["view", "rows", "graph", "tab"], ask);
+  subscribe(["view", "rows", "graph", "tab"], ask);
   onTheme(ask);
-  find("why-view").addEventListener("change", picture);
-  find("why-enlarge").addEventListener("click", enlarge);
+  byId("why-view").addEventListener("change", picture);
+  byId("why-enlarge").addEventListener("click", enlarge);
 }
 
 const sentence = (id) => (text) => {
-  find(id).hidden = !text;
-  say(find(id), text);
+  byId(id).hidden = !text;
+  setText(byId(id), text);
 };
 
 function chips() {
-  keyed(find("why-parts"), state.graph.parts, (part) => part.name,
-    (part) => h("button", { type: "button", class: "chip", on: { click: () => change({ part: part.name, edge: null, particle: null }) } },
-      h("span", { class: "swatch", "aria-hidden": "true" }), part.name),
+  reconcile(
+    byId("why-parts"),
+    "part-chip",
+    state.graph.parts,
+    (part) => part.name,
     (chip, part) => {
+      chip.onclick = () => changeView({ part: part.name, edge: null, particle: null });
       chip.firstChild.style.backgroundColor = colour(part);
+      setName(chip.lastChild, part.name);
       chip.setAttribute("aria-pressed", String(part === current()));
-    });
+    },
+  );
 }
 
-async function listed() {
+async function listParticles() {
   const part = current();
-  const answer = await call(`${beliefs(part)}/particles?iteration=${shown()}&limit=${LISTED}`);
+  const answer = await call(`${beliefs(part)}/particles?iteration=${shownIteration()}&limit=${LISTED}`);
   const most = answer.particles[0]?.weight || 1;
-  keyed(find("particles"), answer.particles, (_, at) => at,
-    () => h("li", {}, h("button", { type: "button", class: "row", on: { click: choose } },
-      h("span", { class: "index figure" }), h("span", { class: "weight", "aria-hidden": "true" }),
-      h("span", { class: "figure share" }), h("span", { class: "source" }))),
+  reconcile(
+    byId("particles"),
+    "particle-row",
+    answer.particles,
+    (_, at) => at,
     (place, particle) => {
       const row = place.firstChild;
       const [index, weight, share, source] = row.children;
       row.dataset.index = particle.index;
-      say(index, `${particle.index}`);
+      row.onclick = choose;
+      setText(index, `${particle.index}`);
       weight.style.setProperty("--share", particle.weight / most);
       weight.style.setProperty("--tint", colour(part));
-      say(share, percent(particle.weight, 2));
-      say(source, particle.neighbour ? `from ${particle.neighbour}` : SOURCES[particle.source] ?? particle.source);
-    });
+      setText(share, percent(particle.weight, 2));
+      setName(
+        source,
+        particle.neighbour ? `from ${particle.neighbour}` : (SOURCES[particle.source] ?? particle.source),
+      );
+    },
+  );
   mark();
 }
 
 function choose(event) {
   const part = current();
-  change({ part: part.name, edge: null, particle: Number(event.currentTarget.dataset.index) });
+  changeView({ part: part.name, edge: null, particle: Number(event.currentTarget.dataset.index) });
 }
 
 function mark() {
@@ -82,26 +93,30 @@ function mark() {
   }
 }
 
-async function explained() {
+async function explainParticle() {
   const part = current();
   if (state.view.particle === null) return;
-  const answer = await call(`${beliefs(part)}/particles/${state.view.particle}?iteration=${shown()}`);
-  say(find("why-title"), `${part.name}, particle ${answer.index}`);
-  say(find("why-weight"), `weight ${percent(answer.weight, 2)} · log weight ${nats(answer.log_weight, 2)}`);
+  const answer = await call(`${beliefs(part)}/particles/${state.view.particle}?iteration=${shownIteration()}`);
+  setText(byId("why-title"), `${part.name}, particle ${answer.index}`);
+  setText(byId("why-weight"), `weight ${percent(answer.weight, 2)} · log weight ${nats(answer.log_weight, 2)}`);
   origin(answer, part);
   pose(answer);
-  find("why-shares").replaceChildren(bars(shares(answer)));
+  byId("why-shares").replaceChildren(bars(shares(answer)));
   picture();
 }
 
 function origin(answer, part) {
   const before = answer.iteration - 1;
   const owner = answer.ancestor_part ?? answer.neighbour ?? part.name;
-  const go = answer.ancestor === null || answer.ancestor === undefined || answer.ancestor < 0 || before < oldest()
-    ? null
-    : button(`Particle ${answer.ancestor} of ${owner}, iteration ${before}`, () =>
-        change({ iteration: before, part: owner, edge: null, particle: answer.ancestor }), { class: "link", id: "ancestor" });
-  find("why-origin").replaceChildren(h("p", {}, answer.origin ?? ""), go ?? "");
+  const go =
+    answer.ancestor === null || answer.ancestor === undefined || answer.ancestor < 0 || before < oldestIteration()
+      ? null
+      : button(
+          `Particle ${answer.ancestor} of ${owner}, iteration ${before}`,
+          () => changeView({ iteration: before, part: owner, edge: null, particle: answer.ancestor }),
+          { class: "link", id: "ancestor" },
+        );
+  byId("why-origin").replaceChildren(h("p", {}, answer.origin ?? ""), go ?? "");
 }
 
 function pose(answer) {
@@ -114,7 +129,9 @@ function pose(answer) {
     const known = state.estimate?.joints[name];
     rows.push([name, known ? joint(known.type, value) : number(value, 3)]);
   }
-  find("why-pose").replaceChildren(...rows.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", { class: "figure" }, value))));
+  byId("why-pose").replaceChildren(
+    ...rows.map(([name, value]) => h("div", {}, h("dt", {}, name), h("dd", { class: "figure" }, value))),
+  );
 }
 
 function shares(answer) {
@@ -124,8 +141,15 @@ function shares(answer) {
     entries.push({ name: `${name}’s message`, value, text: nats(value, 2), tint: colourOf(name) });
   }
   if (given.prior) entries.push({ name: "prior", value: given.prior, text: nats(given.prior, 2) });
-  if (Number.isFinite(given.constant)) entries.push({ name: "common to all", value: given.constant, text: nats(given.constant, 2), tint: "var(--quiet)" });
-  entries.push({ name: "log weight", value: answer.log_weight, text: nats(answer.log_weight, 2), tint: "var(--ink)", total: true });
+  if (Number.isFinite(given.constant))
+    entries.push({ name: "common to all", value: given.constant, text: nats(given.constant, 2), tint: "var(--quiet)" });
+  entries.push({
+    name: "log weight",
+    value: answer.log_weight,
+    text: nats(answer.log_weight, 2),
+    tint: "var(--ink)",
+    total: true,
+  });
   return entries;
 }
 
@@ -137,11 +161,12 @@ function picture() {
   const part = current();
   if (!part || state.view.particle === null || drawing) return;
   const views = state.graph.views ?? 1;
-  find("why-view-row").hidden = views < 2;
-  const choice = find("why-view");
-  if (choice.length !== views) choice.replaceChildren(...Array.from({ length: views }, (_, at) => h("option", { value: at }, `scan ${at + 1}`)));
-  const source = `${beliefs(part)}/particles/${state.view.particle}/picture.png?iteration=${shown()}&view=${choice.value || 0}&width=`;
-  const image = find("why-picture");
+  byId("why-view-row").hidden = views < 2;
+  const choice = byId("why-view");
+  if (choice.length !== views)
+    choice.replaceChildren(...Array.from({ length: views }, (_, at) => h("option", { value: at }, `scan ${at + 1}`)));
+  const source = `${beliefs(part)}/particles/${state.view.particle}/picture.png?iteration=${shownIteration()}&view=${choice.value || 0}&width=`;
+  const image = byId("why-picture");
   if (image.dataset.source === source) return;
   const next = new Image();
   const done = (hidden) => {
@@ -163,9 +188,9 @@ function picture() {
 }
 
 function enlarge() {
-  const image = find("why-picture");
+  const image = byId("why-picture");
   if (image.hidden) return;
-  find("picture-large").src = `${image.dataset.source}1080`;
-  find("picture-large").alt = image.alt;
-  find("picture").showModal();
+  byId("picture-large").src = `${image.dataset.source}1080`;
+  byId("picture-large").alt = image.alt;
+  byId("picture").showModal();
 }

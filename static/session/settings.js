@@ -1,16 +1,19 @@
 // With which settings does the inference go on? Every entry of /api/v1/settings with its help, unit and limits; a change
 // counts from the next iteration on. Method and particle count are a session's for life: those start a new one.
 
-import { call, root } from "./api.js";
-import { button, find, h, say } from "./dom.js";
-import { askChanges } from "./history.js";
-import { isRecording, on, put, state } from "./state.js";
-import { startAnother } from "./another.js";
+import { call, sessionPath } from "./api.js";
+import { startDerivedSession } from "./derived_session.js";
+import { button, byId, h, setText } from "./dom.js";
+import { isRecording, state, subscribe, update } from "./state.js";
 
 // Where a stage's settings begin, by the first one's name; the server lists them in the order of the stages.
 const STAGES = {
-  image_width: "Scan and rendering", pixel_score: "Unary potential", pairwise_form: "Pairwise potential",
-  joint_draws: "Messages and beliefs", anneal_iterations: "Annealing", search_iterations: "Search",
+  image_width: "Scan and rendering",
+  pixel_score: "Unary potential",
+  pairwise_form: "Pairwise potential",
+  joint_draws: "Messages and beliefs",
+  anneal_iterations: "Annealing",
+  search_iterations: "Search",
   refine_iterations: "Refinement and rest",
 };
 
@@ -18,23 +21,28 @@ const rows = new Map();
 let entries = [];
 
 export async function install() {
-  for (const preset of ["robust", "paper"]) find(`preset-${preset}`).addEventListener("click", () => send({ preset }));
-  find("anew").addEventListener("submit", (event) => {
+  for (const preset of ["robust", "paper"]) byId(`preset-${preset}`).addEventListener("click", () => send({ preset }));
+  byId("anew").addEventListener("submit", (event) => {
     event.preventDefault();
-    const [method, particles] = [find("method").value, Number(find("particle-count").value)];
+    const [method, particles] = [byId("method").value, Number(byId("particle-count").value)];
     const what = [method === "pmpnbp" ? null : "particle filter", `${particles} particles`].filter(Boolean).join(", ");
-    startAnother({ method, particles }, what, (text) => say(find("anew-error"), text));
+    startDerivedSession({ method, particles }, what, (text) => setText(byId("anew-error"), text));
   });
-  on(["session"], show);
+  subscribe(["session"], show);
   const { settings, options } = await call("/api/v1/settings");
   entries = settings;
   const { low, high } = options.find((option) => option.name === "particles");
-  Object.assign(find("particle-count"), { min: low, max: high });
+  Object.assign(byId("particle-count"), { min: low, max: high });
   let group = null;
   for (const entry of entries) {
     if (STAGES[entry.name] || !group) {
       group = h("div", { class: "settings-rows" });
-      find("settings-groups").append(h("details", { open: entry === entries[0] || entry.name === "pixel_score" }, h("summary", {}, STAGES[entry.name] ?? "Other"), group));
+      byId("settings-groups").append(
+        h("details", { open: entry === entries[0] || entry.name === "pixel_score" }, [
+          h("summary", {}, STAGES[entry.name] ?? "Other"),
+          group,
+        ]),
+      );
     }
     group.append(row(entry));
   }
@@ -44,26 +52,45 @@ export async function install() {
 function row(entry) {
   const id = `setting-${entry.name}`;
   const changed = () => {
-    const value = entry.kind === "boolean" ? input.checked : entry.kind === "string" ? input.value : Number(input.value);
+    const value =
+      entry.kind === "boolean" ? input.checked : entry.kind === "string" ? input.value : Number(input.value);
     if (input.value === "" && entry.kind !== "boolean") show();
     else send({ [entry.name]: value }, error);
   };
   const input = entry.choices.length
-    ? h("select", { id }, entry.choices.map((choice) => h("option", { value: choice }, choice)))
+    ? h("select", { id }, [entry.choices.map((choice) => h("option", { value: choice }, choice))])
     : entry.kind === "boolean"
       ? h("input", { id, type: "checkbox", role: "switch" })
-      : h("input", { id, type: "number", step: entry.kind === "integer" ? "1" : "any", min: entry.low, max: entry.high });
+      : h("input", {
+          id,
+          type: "number",
+          step: entry.kind === "integer" ? "1" : "any",
+          min: entry.low,
+          max: entry.high,
+        });
   input.setAttribute("aria-describedby", `${id}-help`);
   input.addEventListener("change", changed);
   const error = h("p", { class: "wrong", role: "alert", hidden: true });
   const reset = button("↺", () => send({ [entry.name]: entry.default }, error), {
-    class: "reset", "aria-label": `Reset ${entry.name} to ${entry.default}`, title: `reset to ${entry.default}`,
+    class: "reset",
+    "aria-label": `Reset ${entry.name} to ${entry.default}`,
+    title: `reset to ${entry.default}`,
   });
-  const limits = [entry.low !== null ? `from ${entry.low}` : "", entry.high !== null ? `to ${entry.high}` : ""].filter(Boolean).join(" ");
+  const limits = [entry.low !== null ? `from ${entry.low}` : "", entry.high !== null ? `to ${entry.high}` : ""]
+    .filter(Boolean)
+    .join(" ");
   rows.set(entry.name, { entry, input, reset, place: null });
-  const place = h("div", { class: "setting" },
-    h("label", { for: id }, entry.name.replaceAll("_", " ")), input, h("span", { class: "unit" }, entry.unit), reset,
-    h("p", { class: "help", id: `${id}-help` }, entry.help, limits ? h("span", { class: "limits" }, ` · ${limits}`) : null), error);
+  const place = h("div", { class: "setting" }, [
+    h("label", { for: id }, entry.name.replaceAll("_", " ")),
+    input,
+    h("span", { class: "unit" }, entry.unit),
+    reset,
+    h("p", { class: "help", id: `${id}-help` }, [
+      entry.help,
+      limits ? h("span", { class: "limits" }, ` · ${limits}`) : null,
+    ]),
+    error,
+  ]);
   rows.get(entry.name).place = place;
   return place;
 }
@@ -73,11 +100,11 @@ function show() {
   if (!session) return;
   const config = session.config ?? {};
   const paper = config.preset === "paper";
-  find("preset-robust").setAttribute("aria-pressed", String(!paper));
-  find("preset-paper").setAttribute("aria-pressed", String(paper));
+  byId("preset-robust").setAttribute("aria-pressed", String(!paper));
+  byId("preset-paper").setAttribute("aria-pressed", String(paper));
   const fixed = isRecording();
-  find("settings-fixed").hidden = !fixed;
-  for (const preset of ["robust", "paper"]) find(`preset-${preset}`).disabled = fixed;
+  byId("settings-fixed").hidden = !fixed;
+  for (const preset of ["robust", "paper"]) byId(`preset-${preset}`).disabled = fixed;
   for (const { entry, input, reset, place } of rows.values()) {
     const value = config[entry.name] ?? (paper ? entry.paper : entry.default);
     if (document.activeElement !== input || input.type === "checkbox") {
@@ -89,23 +116,22 @@ function show() {
     place.dataset.changed = String(changed);
     reset.disabled = !changed || fixed;
   }
-  if (!find("anew").contains(document.activeElement)) {
-    find("method").value = session.method ?? "pmpnbp";
-    find("particle-count").value = session.particles ?? "";
+  if (!byId("anew").contains(document.activeElement)) {
+    byId("method").value = session.method ?? "pmpnbp";
+    byId("particle-count").value = session.particles ?? "";
   }
-  find("anew-start").disabled = fixed;
+  byId("anew-start").disabled = fixed;
 }
 
 async function send(config, error = null) {
   try {
-    const session = await call(root(state.id), { method: "PATCH", body: { config } });
-    put({ session: { ...state.session, config: session.config } });
+    const session = await call(sessionPath(state.id), { method: "PATCH", body: { config } });
+    update({ session: { ...state.session, config: session.config } });
     if (error) error.hidden = true;
-    askChanges();
   } catch (problem) {
-    if (!error) put({ trouble: problem.message });
+    if (!error) update({ trouble: problem.message });
     else {
-      say(error, problem.message);
+      setText(error, problem.message);
       error.hidden = false;
     }
   }

@@ -1,24 +1,5 @@
 // What does the page know, and who wants to hear of it? One object, and listeners by the members they look at.
 
-export const DEFAULT_VIEW = {
-  iteration: null,
-  show: {
-    scan: true, camera: true, image: false, particles: true, axes: false, estimate: true, ellipsoids: true,
-    truth: false, planes: false, region: false, prior: false, messages: false,
-  },
-  colour_scan: "depth",
-  colour_particles: "part",
-  confidence: 0.75,
-  part: null,
-  edge: null,
-  particle: null,
-  compare: null,
-  camera: null,
-  region: null,
-  prior: null,
-  economy: false,
-};
-
 export const state = {
   id: null, // of the session, or of the recording
   viewId: null, // of this tab's 3D view
@@ -27,7 +8,7 @@ export const state = {
   rows: [], // of the trace, by iteration, compact, not all of very many (see history.js)
   recalled: null, // a row that is not among them, looked at just now
   changes: [],
-  view: structuredClone(DEFAULT_VIEW),
+  view: {}, // what the 3D view shows; its members are the server's, see view.js
   estimate: null, // of the iteration that is looked at
   other: null, // the estimate it is compared with
   tab: "estimate",
@@ -45,18 +26,18 @@ let due = Infinity;
 let last = -Infinity;
 
 // Hear of it, soon and not too often, when any of the members has changed; and now.
-export function on(members, hear) {
+export function subscribe(members, hear) {
   listeners.push([new Set(members), hear]);
   hear();
 }
 
-export function put(members) {
+export function update(members) {
   Object.assign(state, members);
-  touch(...Object.keys(members));
+  notify(...Object.keys(members));
 }
 
 // Say that a member has changed in itself.
-export function touch(...names) {
+export function notify(...names) {
   for (const name of names) changed.add(name);
   const now = performance.now();
   const pace = state.view.economy && state.session?.state === "running" ? ECONOMY : PACE;
@@ -65,10 +46,10 @@ export function touch(...names) {
   // not with the next frame: where the 3D view is drawn without a GPU, frames are slow, and so would be the numbers
   clearTimeout(timer);
   due = soon;
-  timer = setTimeout(tell, soon - now);
+  timer = setTimeout(notifyListeners, soon - now);
 }
 
-function tell() {
+function notifyListeners() {
   due = Infinity;
   last = performance.now();
   const now = new Set(changed);
@@ -79,10 +60,10 @@ function tell() {
 // What follows from it
 
 export const isRecording = () => state.session?.kind === "recording";
-export const newest = () => state.rows.at(-1)?.iteration ?? state.session?.iteration ?? 0;
-export const oldest = () => state.rows[0]?.iteration ?? 0;
+export const newestIteration = () => state.rows.at(-1)?.iteration ?? state.session?.iteration ?? 0;
+export const oldestIteration = () => state.rows[0]?.iteration ?? 0;
 export const isLive = () => state.view.iteration === null;
-export const shown = () => (isLive() ? newest() : Math.min(state.view.iteration, newest()));
+export const shownIteration = () => (isLive() ? newestIteration() : Math.min(state.view.iteration, newestIteration()));
 export const maxStd = () => state.session?.max_std ?? null;
 
 // The trace's row of an iteration, or the last before it where it was not recorded.

@@ -1,6 +1,6 @@
 // Which of the side panel's pages is open? Tabs as assistive technology knows them: arrows move, one is in the tab order.
 
-import { put, state } from "./state.js";
+import { state, update } from "./state.js";
 
 const tabs = () => [...document.querySelectorAll("[role=tab]")];
 
@@ -10,7 +10,9 @@ export function install(first) {
     tab.addEventListener("keydown", (event) => {
       const all = tabs();
       const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
-      const next = by ? all[(all.indexOf(tab) + by + all.length) % all.length] : { Home: all[0], End: all.at(-1) }[event.key];
+      const next = by
+        ? all[(all.indexOf(tab) + by + all.length) % all.length]
+        : { Home: all[0], End: all.at(-1) }[event.key];
       if (!next) return;
       event.preventDefault();
       open(next.dataset.tab);
@@ -27,5 +29,5 @@ export function open(name) {
     tab.tabIndex = chosen ? 0 : -1;
     document.getElementById(tab.getAttribute("aria-controls")).hidden = !chosen;
   }
-  put({ tab: name });
+  update({ tab: name });
 }

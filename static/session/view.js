@@ -1,60 +1,75 @@
 // What is shown in this tab's 3D view? Its state lives in the server, so that a program can change it too; here it is
 // changed at once, sent one change after the other, and followed by events.
 
-import { call, listen, root } from "./api.js";
-import { DEFAULT_VIEW, put, state, theme, touch } from "./state.js";
+import { call, listen, sessionPath } from "./api.js";
+import { notify, state, theme, update } from "./state.js";
 
-// What is told to a server that has forgotten the view, as after its restart.
-const MEMBERS = [...Object.keys(DEFAULT_VIEW), "theme", "hidden"];
-
+let declared = {}; // the members of a view's state, as a JSON schema
 let queued = {};
 let sent = null; // on its way
-let known = true; // whether the server keeps views' states
-let end = null;
+let closeEvents = null;
 
-const path = () => `${root(state.id)}/views/${state.viewId}`;
+const path = () => `${sessionPath(state.id)}/views/${state.viewId}`;
+
+// Learn which members a view has, and begin with their defaults.
+export async function declareView() {
+  declared = await call("/api/v1/view-state");
+  const defaults = Object.entries(declared.properties).map(([name, member]) => [name, member.default]);
+  state.view = structuredClone(Object.fromEntries(defaults));
+}
+
+// Every layer's declaration, by name: title, group, description.
+export const layers = () => declared.$defs.Layers.properties;
+// The values that a member can have.
+export const choices = (name) => declared.properties[name].enum;
 
 export async function openView(first) {
   try {
-    take(await call(path()));
-  } catch {
-    known = false;
+    applyAnswer(await call(path()));
+  } catch (error) {
+    update({ trouble: error.message });
   }
-  change({ ...first, theme: theme(), hidden: document.hidden });
-  if (!known) return;
-  end?.();
+  changeView({ ...first, theme: theme(), hidden: document.hidden });
+  closeEvents?.();
   let before = false;
-  end = listen(`${path()}/events`, { view: take }, {
-    opened: () => {
-      if (before) change(Object.fromEntries(MEMBERS.map((name) => [name, state.view[name]]))); // it may have forgotten
-      before = true;
+  closeEvents = listen(
+    `${path()}/events`,
+    { view: applyAnswer },
+    {
+      opened: () => {
+        if (before) sendAll(); // the server may have forgotten the view, as after its restart
+        before = true;
+      },
     },
-  });
+  );
+}
+
+function sendAll() {
+  changeView(Object.fromEntries(Object.keys(declared.properties).map((name) => [name, state.view[name]])));
 }
 
 // Show something else. `show` may name some members only.
-export function change(members) {
+export function changeView(members) {
   const whole = members.show ? { ...members, show: { ...state.view.show, ...members.show } } : members;
   Object.assign(state.view, whole);
-  touch("view");
+  notify("view");
   Object.assign(queued, whole);
   send();
 }
 
 // Look at another iteration, null for the newest; a particle has no counterpart there.
-export const goTo = (iteration) => change({ iteration, particle: null });
+export const goToIteration = (iteration) => changeView({ iteration, particle: null });
 
 async function send() {
-  if (sent || !known || !Object.keys(queued).length) return;
+  if (sent || !Object.keys(queued).length) return;
   sent = queued;
   queued = {};
   try {
     const answer = await call(path(), { method: "PATCH", body: sent });
     sent = null;
-    take(answer);
+    applyAnswer(answer);
   } catch (error) {
-    if (error.status === 404 || error.status === 405) known = error.status === 404;
-    if (error.status === 422) put({ trouble: error.message });
+    if (error.status === 422) update({ trouble: error.message });
   } finally {
     sent = null;
     send();
@@ -62,10 +77,9 @@ async function send() {
 }
 
 // What the server says holds, but for what it has not been told yet.
-function take(view) {
-  const told = { ...view };
-  for (const name of Object.keys({ ...sent, ...queued })) delete told[name];
-  if (told.show) told.show = { ...DEFAULT_VIEW.show, ...told.show };
-  Object.assign(state.view, told);
-  touch("view");
+function applyAnswer(view) {
+  const known = { ...view };
+  for (const name of Object.keys({ ...sent, ...queued })) delete known[name];
+  Object.assign(state.view, known);
+  notify("view");
 }

@@ -1,12 +1,12 @@
 // Is it really to be deleted? A dialog of the browser's own, so that Escape and the keyboard's focus do as they should.
 
-import { find, say } from "../session/dom.js";
+import { byId, setText } from "../session/dom.js";
 
 // Whether the reader said yes. Focus is on "Keep", and goes back to where it was.
 export function confirmed(title, text) {
-  const dialog = find("confirm");
-  say(find("confirm-title"), title);
-  say(find("confirm-text"), text);
+  const dialog = byId("confirm");
+  setText(byId("confirm-title"), title);
+  setText(byId("confirm-text"), text);
   dialog.returnValue = "";
   dialog.showModal();
   return new Promise((answer) => {
@@ -15,6 +15,6 @@ export function confirmed(title, text) {
 }
 
 export function trouble(place, text) {
-  say(place, text);
+  setText(place, text);
   place.hidden = !text;
 }

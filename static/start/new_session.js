@@ -1,34 +1,34 @@
 // What is a new session made of? A form over what the server keeps; its members are those of POST /api/v1/sessions.
 
 import { call } from "../session/api.js";
-import { find, h, keyed, say } from "../session/dom.js";
+import { byId, h, reconcile, setText } from "../session/dom.js";
 import { trouble } from "./confirm.js";
+import { aboutScan, count, when } from "./format.js";
 import { onChange, stored } from "./stored.js";
-import { aboutScan, count, when } from "./words.js";
 
 const NUMBERS = ["particles", "iterations", "seed"];
 
-const region = () => [...find("region").querySelectorAll("input")];
-const chosen = () => [...find("scan-choices").querySelectorAll("input:checked")].map((box) => box.value);
-const priorKind = () => find("create").elements.prior.value;
+const region = () => [...byId("region").querySelectorAll("input")];
+const chosen = () => [...byId("scan-choices").querySelectorAll("input:checked")].map((box) => box.value);
+const priorKind = () => byId("create").elements.prior.value;
 
 export async function fillForm() {
   onChange(() => {
     fillModels();
     fillScans();
   });
-  find("create").addEventListener("submit", create);
-  find("create").addEventListener("change", about);
-  find("bounds").addEventListener("click", useBounds);
-  find("no-region").addEventListener("click", () => region().forEach((input) => (input.value = "")));
-  find("prior-file").addEventListener("change", async (event) => {
+  byId("create").addEventListener("submit", create);
+  byId("create").addEventListener("change", about);
+  byId("bounds").addEventListener("click", useBounds);
+  byId("no-region").addEventListener("click", () => setRegion([]));
+  byId("prior-file").addEventListener("change", async (event) => {
     const [file] = event.target.files;
     if (file) setPrior(await file.text());
   });
   const { options } = await call("/api/v1/settings").catch(() => ({ options: [] }));
   for (const { name, default: value, low, high } of options) {
     if (!NUMBERS.includes(name)) continue;
-    const input = find(name);
+    const input = byId(name);
     input.min = low;
     input.max = Math.min(high, Number.MAX_SAFE_INTEGER);
     input.value ||= value;
@@ -37,14 +37,14 @@ export async function fillForm() {
 }
 
 function about() {
-  find("gaussian").hidden = priorKind() !== "gaussian";
-  const word = (id) => find(id).selectedOptions[0].textContent;
-  const numbers = `${find("particles").value} particles, ${find("iterations").value} iterations`;
-  say(find("inference-about"), `${word("method")}, ${word("preset")}, ${numbers}`);
+  byId("gaussian").hidden = priorKind() !== "gaussian";
+  const word = (id) => byId(id).selectedOptions[0].textContent;
+  const numbers = `${byId("particles").value} particles, ${byId("iterations").value} iterations`;
+  setText(byId("inference-about"), `${word("method")}, ${word("preset")}, ${numbers}`);
 }
 
 function fillModels() {
-  const select = find("model");
+  const select = byId("model");
   const before = select.value;
   const options = stored.models.map((model) =>
     h("option", { value: model.id }, `${model.name} · ${count(model.parts.length, "part")} · ${when(model.created)}`),
@@ -54,22 +54,26 @@ function fillModels() {
 }
 
 function fillScans() {
-  find("no-scans").hidden = stored.scans.length > 0;
-  const box = (scan) => h("input", { type: "checkbox", value: scan.id });
-  const make = (scan) =>
-    h("li", {}, h("label", { class: "option" }, box(scan), h("span", {}, h("b"), h("span"))));
-  keyed(find("scan-choices"), stored.scans, (scan) => scan.id, make, (item, scan) => {
-    say(item.querySelector("b"), scan.file_name);
-    say(item.querySelector("span span"), `${aboutScan(scan)} · ${when(scan.created)}`);
-  });
+  byId("no-scans").hidden = stored.scans.length > 0;
+  reconcile(
+    byId("scan-choices"),
+    "scan-choice",
+    stored.scans,
+    (scan) => scan.id,
+    (item, scan) => {
+      item.querySelector("input").value = scan.id;
+      setText(item.querySelector("b"), scan.file_name);
+      setText(item.querySelector("span span"), `${aboutScan(scan)} · ${when(scan.created)}`);
+    },
+  );
 }
 
 export function chooseModel(id) {
-  find("model").value = id;
+  byId("model").value = id;
 }
 
 export function chooseScan(id) {
-  const box = [...find("scan-choices").querySelectorAll("input")].find((input) => input.value === id);
+  const box = [...byId("scan-choices").querySelectorAll("input")].find((input) => input.value === id);
   if (box) box.checked = true;
 }
 
@@ -80,21 +84,21 @@ export function setPrior(text) {
   } catch {
     // shown as it is; `create` says what is wrong
   }
-  const kind = members?.kind === "uniform" ? members.orientation ?? "upright" : "gaussian";
-  find("create").elements.prior.value = kind === "any" ? "any" : kind === "gaussian" ? "gaussian" : "upright";
-  if (kind === "gaussian") find("prior-text").value = text;
+  const kind = members?.kind === "uniform" ? (members.orientation ?? "upright") : "gaussian";
+  byId("create").elements.prior.value = kind === "any" ? "any" : kind === "gaussian" ? "gaussian" : "upright";
+  if (kind === "gaussian") byId("prior-text").value = text;
   about();
 }
 
 export function setRegion(numbers) {
-  region().forEach((input, place) => (input.value = numbers[place] ?? ""));
+  for (const [place, input] of region().entries()) input.value = numbers[place] ?? "";
 }
 
 function useBounds() {
   const ids = chosen();
   const boxes = stored.scans.filter((scan) => ids.includes(scan.id)).map((scan) => scan.bounds);
-  if (!boxes.length) return trouble(find("create-trouble"), "Choose a scan first, whose bounds are to be taken.");
-  trouble(find("create-trouble"), "");
+  if (!boxes.length) return trouble(byId("create-trouble"), "Choose a scan first, whose bounds are to be taken.");
+  trouble(byId("create-trouble"), "");
   const most = (place) => (place < 3 ? Math.min : Math.max)(...boxes.map((box) => box[place]));
   setRegion([0, 1, 2, 3, 4, 5].map((place) => most(place).toFixed(3)));
 }
@@ -102,16 +106,16 @@ function useBounds() {
 // The members that the server takes. Throws what is missing, where only the page can know it.
 function members() {
   const scan_ids = chosen();
-  if (!find("model").value) throw new Error("A model is missing: drop a URDF, or a zip that holds one and its meshes.");
+  if (!byId("model").value) throw new Error("A model is missing: drop a URDF, or a zip that holds one and its meshes.");
   if (!scan_ids.length) throw new Error("A scan is missing: choose one, or drop a depth image or a point cloud.");
-  const asked = { model_id: find("model").value, scan_ids, method: find("method").value };
-  if (find("name").value.trim()) asked.name = find("name").value.trim();
+  const asked = { model_id: byId("model").value, scan_ids, method: byId("method").value };
+  if (byId("name").value.trim()) asked.name = byId("name").value.trim();
   for (const name of NUMBERS) {
-    const input = find(name);
+    const input = byId(name);
     if (!input.checkValidity()) throw new Error(`${input.labels[0].textContent}: ${input.validationMessage}`);
     asked[name] = input.valueAsNumber;
   }
-  if (find("preset").value !== "robust") asked.config = { preset: find("preset").value };
+  if (byId("preset").value !== "robust") asked.config = { preset: byId("preset").value };
   asked.prior = prior();
   const box = region().map((input) => input.valueAsNumber);
   const given = box.filter((number) => !Number.isNaN(number)).length;
@@ -123,7 +127,7 @@ function members() {
 function prior() {
   const kind = priorKind();
   if (kind !== "gaussian") return { kind: "uniform", orientation: kind };
-  const text = find("prior-text").value.trim();
+  const text = byId("prior-text").value.trim();
   if (!text) throw new Error("The Gaussian prior is empty: paste prior.json, or choose it as a file.");
   try {
     return JSON.parse(text);
@@ -134,14 +138,14 @@ function prior() {
 
 async function create(event) {
   event.preventDefault();
-  const button = event.submitter ?? find("create").querySelector("[type=submit]");
-  trouble(find("create-trouble"), "");
+  const button = event.submitter ?? byId("create").querySelector("[type=submit]");
+  trouble(byId("create-trouble"), "");
   button.disabled = true;
   try {
     const session = await call("/api/v1/sessions", { method: "POST", body: members() });
     location.assign(session.view_url);
   } catch (problem) {
-    trouble(find("create-trouble"), problem.message);
+    trouble(byId("create-trouble"), problem.message);
   }
   button.disabled = false;
 }

@@ -1,9 +1,9 @@
 // What else is kept: recordings to look at, and the models and scans that sessions are made from.
 
-import { find, say } from "../session/dom.js";
+import { byId, copyOf, setText } from "../session/dom.js";
 import { confirmed, trouble } from "./confirm.js";
+import { aboutModel, aboutRecording, aboutScan, bytes, count, when } from "./format.js";
 import { onChange, remove, stored } from "./stored.js";
-import { aboutModel, aboutRecording, aboutScan, bytes, count, when } from "./words.js";
 
 const LISTS = {
   recordings: { noun: "recording", about: aboutRecording, link: (entry) => `/sessions/${entry.id}/` },
@@ -15,13 +15,13 @@ export function showEntries() {
   onChange(() => {
     for (const kind of Object.keys(LISTS)) show(kind);
     const { models, scans } = stored;
-    find("material").hidden = !models.length && !scans.length;
-    say(find("material-about"), `${count(models.length, "model")}, ${count(scans.length, "scan")}`);
+    byId("material").hidden = !models.length && !scans.length;
+    setText(byId("material-about"), `${count(models.length, "model")}, ${count(scans.length, "scan")}`);
   });
 }
 
 function show(kind) {
-  const section = find(kind);
+  const section = byId(kind);
   const place = section.querySelector("ul");
   const entries = stored[kind];
   section.hidden = !entries.length;
@@ -30,12 +30,12 @@ function show(kind) {
 
 function row(kind, entry) {
   const { noun, about, link } = LISTS[kind];
-  const item = find("entry").content.cloneNode(true).firstElementChild;
+  const item = copyOf("entry");
   const name = item.querySelector(".entry-name");
-  say(name, entry.file_name);
+  setText(name, entry.file_name);
   if (link) name.href = link(entry);
-  say(item.querySelector(".about"), `${about(entry)} · ${when(entry.created)}`);
-  say(item.querySelector(".size"), bytes(entry.bytes));
+  setText(item.querySelector(".about"), `${about(entry)} · ${when(entry.created)}`);
+  setText(item.querySelector(".size"), bytes(entry.bytes));
   const button = item.querySelector(".delete");
   button.setAttribute("aria-label", `Delete the ${noun} ${entry.file_name}`);
   button.title = `Delete the ${noun}`;
@@ -46,7 +46,7 @@ function row(kind, entry) {
 async function forget(kind, noun, entry) {
   const text = `“${entry.file_name}”, ${bytes(entry.bytes)}, is removed from the server for good.`;
   if (!(await confirmed(`Delete this ${noun}?`, text))) return;
-  const place = find("trouble");
+  const place = byId("trouble");
   try {
     await remove(kind, entry.id);
     trouble(place, "");

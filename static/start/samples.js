@@ -1,21 +1,21 @@
 // Which sample scenes are there? One click opens a session on one, and goes to its page.
 
 import { call } from "../session/api.js";
-import { find, h, say } from "../session/dom.js";
+import { byId, h, setText } from "../session/dom.js";
 import { trouble } from "./confirm.js";
 
 export async function offerSamples() {
   const scenes = await call("/api/v1/samples").catch(() => []);
-  const select = find("sample");
-  find("samples").hidden = !scenes.length;
-  find("first-sample").parentElement.hidden = !scenes.length;
+  const select = byId("sample");
+  byId("samples").hidden = !scenes.length;
+  byId("first-sample").parentElement.hidden = !scenes.length;
   if (!scenes.length) return;
   select.replaceChildren(...scenes.map((scene) => h("option", { value: scene.scene }, title(scene))));
-  const about = () => say(find("sample-about"), scenes.find((scene) => scene.scene === select.value)?.about ?? "");
+  const about = () => setText(byId("sample-about"), scenes.find((scene) => scene.scene === select.value)?.about ?? "");
   select.addEventListener("change", about);
   about();
-  find("open-sample").addEventListener("click", (event) => open(event.currentTarget, select.value));
-  find("first-sample").addEventListener("click", (event) => open(event.currentTarget, scenes[0].scene));
+  byId("open-sample").addEventListener("click", (event) => open(event.currentTarget, select.value));
+  byId("first-sample").addEventListener("click", (event) => open(event.currentTarget, scenes[0].scene));
 }
 
 // Without the word that tells its session from others in the list.
@@ -27,14 +27,14 @@ function title(scene) {
 async function open(button, scene) {
   const text = button.textContent;
   button.disabled = true;
-  say(button, "Opening…");
-  trouble(find("sample-trouble"), "");
+  setText(button, "Opening…");
+  trouble(byId("sample-trouble"), "");
   try {
     const session = await call("/api/v1/sessions/sample", { method: "POST", body: { scene } });
     location.assign(session.view_url);
   } catch (problem) {
-    trouble(find("sample-trouble"), problem.message);
+    trouble(byId("sample-trouble"), problem.message);
   }
   button.disabled = false;
-  say(button, text);
+  setText(button, text);
 }

@@ -1,18 +1,21 @@
 // The list of sessions: asks /api/v1/sessions again and again while somebody looks, and shows what it answers.
 
 import { call } from "../session/api.js";
-import { find, keyed, say } from "../session/dom.js";
+import { byId, reconcile, setText } from "../session/dom.js";
 import { confirmed, trouble } from "./confirm.js";
-import { grouped } from "./words.js";
+import { grouped } from "./format.js";
 
 const EVERY = 1500; // milliseconds between two questions; the picture's own pace is what a session's iterations give
 const LATER = 5000; // after an answer that failed
 const WORDS = {
-  running: "iterating", waiting: "waiting for a free place", paused: "paused", failed: "stopped by an error",
+  running: "iterating",
+  waiting: "waiting for a free place",
+  paused: "paused",
+  failed: "stopped by an error",
 };
 
 let timer;
-let asking = 0;
+let questions = 0;
 let lost = false;
 
 export function follow() {
@@ -22,16 +25,16 @@ export function follow() {
 
 async function ask() {
   clearTimeout(timer);
-  const mine = ++asking;
+  const question = ++questions;
   let pause = EVERY;
   try {
     const sessions = await call("/api/v1/sessions");
-    if (mine !== asking) return; // asked once more meanwhile
+    if (question !== questions) return; // asked once more meanwhile
     show(sessions);
-    if (lost) trouble(find("trouble"), "");
+    if (lost) trouble(byId("trouble"), "");
     lost = false;
   } catch (problem) {
-    trouble(find("trouble"), problem.status ? problem.message : "The server does not answer; this page tries again.");
+    trouble(byId("trouble"), problem.status ? problem.message : "The server does not answer; this page tries again.");
     lost = true;
     pause = LATER;
   }
@@ -41,20 +44,14 @@ async function ask() {
 
 function show(sessions) {
   const newest = [...sessions].sort((a, b) => (a.created < b.created ? 1 : -1));
-  keyed(find("sessions"), newest, (session) => session.id, make, fill);
-  find("empty").hidden = newest.length > 0;
-  say(find("summary"), summary(newest));
+  reconcile(byId("sessions"), "card", newest, (session) => session.id, fill);
+  byId("empty").hidden = newest.length > 0;
+  setText(byId("summary"), summary(newest));
 }
 
 function summary(sessions) {
   const going = sessions.filter((session) => session.state === "running").length;
   return sessions.length ? `${sessions.length} kept, ${going} iterating` : "";
-}
-
-function make(session) {
-  const card = find("card").content.cloneNode(true).firstElementChild;
-  card.querySelector(".delete").addEventListener("click", () => forget(session.id, title(session)));
-  return card;
 }
 
 async function forget(id, name) {
@@ -63,7 +60,7 @@ async function forget(id, name) {
   try {
     await call(`/api/v1/sessions/${id}`, { method: "DELETE" });
   } catch (problem) {
-    trouble(find("trouble"), problem.message);
+    trouble(byId("trouble"), problem.message);
   }
   ask();
 }
@@ -71,22 +68,26 @@ async function forget(id, name) {
 const title = (session) => session.name || session.id;
 
 function fill(card, session) {
-  const part = (name) => card.querySelector("." + name);
+  const part = (name) => card.querySelector(`.${name}`);
   card.dataset.state = session.state;
   part("open").href = session.view_url;
-  say(part("name"), title(session));
-  say(part("word"), state(session));
+  setText(part("name"), title(session));
+  setText(part("word"), state(session));
   const done = session.state === "paused" && session.converged; // before all that were asked for
   const total = (done ? session.iteration : session.iterations) ?? 0;
-  const made = session.iteration === null ? "none" : grouped(session.iteration);
-  say(part("iteration"), total && !done ? `${made} of ${grouped(total)}` : made);
+  const iteration = session.iteration === null ? "none" : grouped(session.iteration);
+  setText(part("iteration"), total && !done ? `${iteration} of ${grouped(total)}` : iteration);
   const share = total ? Math.min(1, (session.iteration ?? 0) / total) : 0;
   part("track").firstElementChild.style.width = `${100 * share}%`;
   part("certain").dataset.certain = Boolean(session.certain);
-  say(part("certain"), session.certain ? "certain" : session.converged ? "at rest, not certain" : "not certain yet");
-  say(part("method"), session.method === "particle_filter" ? "particle filter" : "belief propagation");
+  setText(
+    part("certain"),
+    session.certain ? "certain" : session.converged ? "at rest, not certain" : "not certain yet",
+  );
+  setText(part("method"), session.method === "particle_filter" ? "particle filter" : "belief propagation");
   part("error").hidden = !session.error;
-  say(part("error"), session.error ?? "");
+  setText(part("error"), session.error ?? "");
+  part("delete").onclick = () => forget(session.id, title(session));
   part("delete").setAttribute("aria-label", `Delete the session ${title(session)}`);
   part("delete").title = "Delete the session";
   picture(card, session);
@@ -110,6 +111,9 @@ function picture(card, session) {
     card.dataset.picture = shown;
     card.loading = false;
   };
-  next.onerror = () => setTimeout(() => (card.loading = false), LATER);
+  next.onerror = () =>
+    setTimeout(() => {
+      card.loading = false;
+    }, LATER);
   next.src = `/api/v1/sessions/${session.id}/estimate.png?width=640&iteration=${session.iteration}`;
 }

@@ -1,11 +1,11 @@
 // How do files come in? Chosen or dropped, told apart by their names and, for JSON, by what is in them; one after the
 // other, each with a bar that shows how much of it has been sent, then with what the server read or its own sentence.
 
-import { find, say, set } from "../session/dom.js";
+import { byId, copyOf, setAttributes, setText } from "../session/dom.js";
 import { trouble } from "./confirm.js";
+import { aboutModel, aboutRecording, aboutScan, bytes } from "./format.js";
 import { chooseModel, chooseScan, setPrior, setRegion } from "./new_session.js";
 import { refresh } from "./stored.js";
-import { aboutModel, aboutRecording, aboutScan, bytes } from "./words.js";
 
 const KINDS = {
   models: { suffixes: ["urdf", "xml", "zip"], about: aboutModel },
@@ -18,15 +18,18 @@ const KNOWN =
 let queue = Promise.resolve();
 
 export function takeFiles() {
-  const drop = find("drop");
-  const input = find("files");
+  const drop = byId("drop");
+  const input = byId("files");
   input.addEventListener("change", () => {
     take([...input.files]);
     input.value = ""; // the same file can be chosen again
   });
   // Beside the drop zone too: a browser would leave the page to show a file that missed it.
   let over = 0;
-  const mark = (change) => set(drop, { "data-over": (over = Math.max(0, over + change)) > 0 });
+  const mark = (change) => {
+    over = Math.max(0, over + change);
+    setAttributes(drop, { "data-over": over > 0 });
+  };
   const carries = (event) => event.dataTransfer?.types.includes("Files");
   addEventListener("dragenter", (event) => carries(event) && mark(1));
   addEventListener("dragleave", (event) => carries(event) && mark(-1));
@@ -37,7 +40,7 @@ export function takeFiles() {
     mark(-over);
     take([...event.dataTransfer.files]);
   });
-  find("camera-text").addEventListener("input", aboutCamera);
+  byId("camera-text").addEventListener("input", aboutCamera);
   aboutCamera();
 }
 
@@ -78,7 +81,7 @@ async function readJson(file, cameras) {
   }
   if (members && "fx" in members) {
     cameras.set(stem(file), text);
-    find("camera-text").value = text;
+    byId("camera-text").value = text;
     aboutCamera();
   } else if (members && "kind" in members) setPrior(text);
   else if (members && Array.isArray(members.roi ?? members.region)) setRegion(members.roi ?? members.region);
@@ -86,28 +89,28 @@ async function readJson(file, cameras) {
 }
 
 function aboutCamera() {
-  const text = find("camera-text").value.trim();
+  const text = byId("camera-text").value.trim();
   let about = text ? "not JSON" : "none";
   try {
     if (text) about = `${JSON.parse(text).width} × ${JSON.parse(text).height} pixels`;
   } catch {
     // being typed
   }
-  say(find("camera-about"), about);
+  setText(byId("camera-about"), about);
 }
 
 function addRow(file) {
-  const row = find("upload").content.cloneNode(true).firstElementChild;
-  say(row.querySelector(".file"), file.name);
+  const row = copyOf("upload");
+  setText(row.querySelector(".file"), file.name);
   row.querySelector("progress").setAttribute("aria-label", `Upload of ${file.name}`);
   row.querySelector(".away").addEventListener("click", () => {
     row.request?.abort();
     row.gone = true;
     row.remove();
-    find("files").focus();
+    byId("files").focus();
   });
   away(row, "Cancel");
-  find("uploads").append(row);
+  byId("uploads").append(row);
   return row;
 }
 
@@ -120,11 +123,11 @@ function away(row, word) {
 function enqueue(row, kind, file, camera, alone) {
   trouble(row.querySelector(".trouble"), "");
   away(row, "Cancel");
-  set(row, { "data-state": "waiting" });
-  say(row.querySelector(".progress-word"), "waiting");
+  setAttributes(row, { "data-state": "waiting" });
+  setText(row.querySelector(".progress-word"), "waiting");
   queue = queue.then(async () => {
     if (row.gone) return;
-    const text = camera ?? find("camera-text").value.trim();
+    const text = camera ?? byId("camera-text").value.trim();
     try {
       await landed(row, kind, file, await send(row, kind, file, text), alone);
     } catch (problem) {
@@ -143,17 +146,17 @@ function send(row, kind, file, camera) {
   const word = row.querySelector(".progress-word");
   const request = new XMLHttpRequest();
   row.request = request;
-  set(row, { "data-state": "sending" });
-  set(row.querySelector(".again"), { hidden: true });
+  setAttributes(row, { "data-state": "sending" });
+  setAttributes(row.querySelector(".again"), { hidden: true });
   bar.value = 0;
   return new Promise((done, fail) => {
     request.upload.onprogress = (event) => {
       if (!event.lengthComputable) return;
       const share = event.loaded / event.total;
       bar.value = share;
-      say(word, share < 1 ? `${Math.floor(100 * share)} % of ${bytes(event.total)}` : "being read");
+      setText(word, share < 1 ? `${Math.floor(100 * share)} % of ${bytes(event.total)}` : "being read");
     };
-    request.upload.onload = () => say(word, "being read");
+    request.upload.onload = () => setText(word, "being read");
     request.onerror = () => fail(new Error("The server does not answer; the file was not taken in."));
     request.onabort = () => fail(new Error("Cancelled."));
     request.onload = () => {
@@ -168,11 +171,11 @@ function send(row, kind, file, camera) {
 }
 
 async function landed(row, kind, file, entry, alone) {
-  set(row, { "data-state": "done" });
+  setAttributes(row, { "data-state": "done" });
   row.querySelector("progress").value = 1;
-  say(row.querySelector(".progress-word"), bytes(file.size));
+  setText(row.querySelector(".progress-word"), bytes(file.size));
   const result = row.querySelector(".result");
-  say(result, KINDS[kind].about(entry));
+  setText(result, KINDS[kind].about(entry));
   result.hidden = false;
   away(row, "Dismiss");
   await refresh([kind]);
@@ -188,8 +191,8 @@ async function landed(row, kind, file, entry, alone) {
 
 // Shows why not; returns the button that tries again, which is there where that may help.
 function refuse(row, sentence, mayHelp = true) {
-  set(row, { "data-state": "refused" });
-  say(row.querySelector(".progress-word"), "not taken in");
+  setAttributes(row, { "data-state": "refused" });
+  setText(row.querySelector(".progress-word"), "not taken in");
   trouble(row.querySelector(".trouble"), sentence);
   away(row, "Dismiss");
   const again = row.querySelector(".again");

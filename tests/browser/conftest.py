@@ -1,4 +1,5 @@
-"""A real browser for tests: the system's Chromium, driven by Playwright, and pages that tolerate no error.
+"""A real browser for tests: the system's Chromium, driven by Playwright, and pages that tolerate no error: no member of
+an answer either that the OpenAPI document does not declare (`strict_answers.js`).
 
 Playwright's synchronous interface belongs to the thread that started it, and keeps an event loop running there: the
 browser is a file's, so that tests of other files may run loops of their own. Every test has a context of its own, with
@@ -8,10 +9,14 @@ storage and cookies of its own.
 from __future__ import annotations
 
 import io
+import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -20,6 +25,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Locator, Page
 
+from app.server_config import ServerConfig
 from benchmarks.browser import NAMES, executable, launched
 from tests.servers import Served, serving
 
@@ -67,6 +73,22 @@ class Troubles:
         return [one for one in self.found if not any(text in one for text in self.expected)]
 
 
+@cache
+def document() -> dict[str, Any]:
+    """The server's OpenAPI document."""
+    from app.server import create_app
+
+    with TemporaryDirectory() as folder:
+        found: dict[str, Any] = create_app(ServerConfig(data_dir=Path(folder))).openapi()
+    return found
+
+
+def strict_answers(document: dict[str, Any]) -> str:
+    """A script under which a page fails that reads a member of an answer which `document` does not declare."""
+    text = (Path(__file__).parent / "strict_answers.js").read_text(encoding="utf-8")
+    return f"{text}\nstrictAnswers({json.dumps(document)});"
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     """Chromium. Without one the tests skip on a desk, and fail where the environment has CI set."""
@@ -98,6 +120,7 @@ def new_page(browser: Browser, troubles: Troubles) -> Iterator[Callable[..., Pag
         context = browser.new_context(**settings)
         context.set_default_timeout(PATIENCE)
         contexts.append(context)
+        context.add_init_script(strict_answers(document()))
         page = context.new_page()
         troubles.watch(page)
         return page

@@ -1,0 +1,188 @@
+// How is one plot drawn on its canvas? The frame says where iterations and values are; each function below draws one
+// kind of thing into it.
+
+import { colour, rowAt, shownIteration, state } from "./state.js";
+
+export const MARGIN = { top: 6, bottom: 15, left: 34, right: 8 };
+
+const finite = (plot) => (value) => Number.isFinite(value) && (!plot.log || value > 0);
+
+// Draws `plot` over the iterations `first` to `last`.
+export function paint(plot, canvas, [first, last]) {
+  const { clientWidth: width, clientHeight: height } = canvas;
+  if (!width || !height) return;
+  const pen = cleared(canvas, width, height);
+  const rows = thinned(state.rows, Math.max(50, 2 * width));
+  const frame = frameOf(plot, rows, [first, last], width, height);
+  const colours = coloursOf(canvas);
+  pen.font = `10px ${getComputedStyle(canvas).fontFamily}`;
+  drawValueAxis(pen, plot, frame, colours);
+  drawIterationAxis(pen, [first, last], frame, colours);
+  drawLimit(pen, plot, frame, colours);
+  drawCursor(pen, frame, colours);
+  drawCurves(pen, plot, rows, frame, colours);
+}
+
+// A pen whose unit is a pixel of the page, however fine the screen is.
+function cleared(canvas, width, height) {
+  const scale = devicePixelRatio || 1;
+  const [columns, rows] = [Math.round(width * scale), Math.round(height * scale)];
+  if (canvas.width !== columns) canvas.width = columns;
+  if (canvas.height !== rows) canvas.height = rows;
+  const pen = canvas.getContext("2d", { willReadFrequently: true });
+  pen.setTransform(scale, 0, 0, scale, 0, 0);
+  pen.clearRect(0, 0, width, height);
+  return pen;
+}
+
+// `x` of an iteration and `y` of a value, in pixels; `low` and `high` are the ends of the axis of values.
+function frameOf(plot, rows, [first, last], width, height) {
+  const [low, high] = limits(plot, rows);
+  const scaled = plot.log ? Math.log10 : (value) => value;
+  const [across, down] = [width - MARGIN.left - MARGIN.right, height - MARGIN.top - MARGIN.bottom];
+  const x = (iteration) => MARGIN.left + ((iteration - first) / (last - first)) * across;
+  const share = (value) => (scaled(value) - scaled(low)) / (scaled(high) - scaled(low) || 1);
+  return { width, height, low, high, x, y: (value) => MARGIN.top + (1 - share(value)) * down };
+}
+
+function coloursOf(canvas) {
+  const style = getComputedStyle(canvas);
+  const [quiet, faint, ink] = ["--quiet", "--line", "--ink"].map((name) => style.getPropertyValue(name));
+  return { quiet, faint, ink };
+}
+
+function drawValueAxis(pen, plot, { width, low, high, y }, { quiet, faint }) {
+  pen.lineWidth = 1;
+  pen.textBaseline = "middle";
+  pen.textAlign = "right";
+  pen.strokeStyle = faint;
+  pen.fillStyle = quiet;
+  for (const tick of ticks(plot, low, high)) {
+    drawAcross(pen, width, y(tick));
+    pen.fillText(plot.tick(tick), MARGIN.left - 5, y(tick));
+  }
+}
+
+function drawIterationAxis(pen, [first, last], { width, height }, { quiet }) {
+  pen.textBaseline = "alphabetic";
+  pen.fillStyle = quiet;
+  pen.textAlign = "left";
+  pen.fillText(String(first), MARGIN.left, height - 3);
+  pen.textAlign = "right";
+  pen.fillText(String(last), width - MARGIN.right, height - 3);
+}
+
+// The dashed line at the value that is to be reached.
+function drawLimit(pen, plot, { width, low, high, y }, { quiet }) {
+  const limit = plot.line?.();
+  if (!limit || limit < low || limit > high) return;
+  pen.strokeStyle = quiet;
+  pen.setLineDash([4, 4]);
+  drawAcross(pen, width, y(limit));
+  pen.setLineDash([]);
+}
+
+function drawCursor(pen, { height, x }, { ink }) {
+  const at = Math.round(x(shownIteration())) + 0.5;
+  pen.strokeStyle = ink;
+  pen.globalAlpha = 0.35;
+  drawLine(pen, [at, at], [MARGIN.top - 4, height - MARGIN.bottom + 3]);
+  pen.globalAlpha = 1;
+}
+
+// A curve per part, or one of the whole, with a dot at the iteration that is looked at.
+function drawCurves(pen, plot, rows, frame, colours) {
+  const count = rows[0] ? plot.values(rows[0]).length : 0;
+  const whole = count === 1 && state.graph.parts.length !== 1;
+  for (let index = 0; index < count; index++) {
+    const part = whole ? null : state.graph.parts[index];
+    const selected = part !== null && part?.name === state.view.part;
+    const tint = part && colour(part) !== "currentcolor" ? colour(part) : colours.quiet;
+    pen.globalAlpha = part !== null && state.view.part && !selected ? 0.25 : 1;
+    pen.strokeStyle = pen.fillStyle = whole ? colours.ink : tint;
+    pen.lineWidth = selected ? 2.2 : 1.6;
+    drawCurve(
+      pen,
+      rows.map((row) => [row.iteration, plot.values(row)[index]]).filter(([, value]) => finite(plot)(value)),
+      frame,
+    );
+    const row = rowAt(shownIteration());
+    const value = row && plot.values(row)[index];
+    if (finite(plot)(value)) drawDot(pen, frame.x(row.iteration), frame.y(value));
+  }
+  pen.globalAlpha = 1;
+}
+
+function drawCurve(pen, points, { width, height, x, y }) {
+  pen.save();
+  pen.beginPath();
+  pen.rect(MARGIN.left - 3, 0, width - MARGIN.left, height - MARGIN.bottom + 1);
+  pen.clip();
+  pen.lineJoin = "round";
+  drawLine(
+    pen,
+    points.map(([iteration]) => x(iteration)),
+    points.map(([, value]) => y(value)),
+  );
+  pen.restore();
+}
+
+function drawDot(pen, x, y) {
+  pen.beginPath();
+  pen.arc(x, y, 2.6, 0, 2 * Math.PI);
+  pen.fill();
+}
+
+const drawAcross = (pen, width, y) => drawLine(pen, [MARGIN.left, width - MARGIN.right], [y, y]);
+
+function drawLine(pen, xs, ys) {
+  pen.beginPath();
+  xs.forEach((x, at) => {
+    pen.lineTo(x, ys[at]); // the first one only moves the pen
+  });
+  pen.stroke();
+}
+
+function thinned(rows, most) {
+  const stride = Math.ceil(rows.length / most);
+  return stride > 1 ? rows.filter((_, at) => at % stride === 0 || at === rows.length - 1) : rows;
+}
+
+function limits(plot, rows) {
+  const all = rows.flatMap(plot.values).filter(finite(plot));
+  const limit = plot.line?.();
+  if (limit) all.push(limit);
+  if (!all.length) return plot.log ? [0.001, 1] : [0, 1];
+  let low = Infinity;
+  let high = -Infinity;
+  for (const value of all) {
+    low = Math.min(low, value);
+    high = Math.max(high, value);
+  }
+  // a belief that has collapsed for an iteration is no reason to squeeze all others into a line
+  if (plot.log) return [Math.max(low / 1.3, high / 1e5, (limit ?? 0) / 10), high * 1.3];
+  if (plot.zero) low = 0;
+  const room = (high - low || Math.abs(high) || 1) * 0.06;
+  return [plot.zero ? 0 : low - room, high + room];
+}
+
+// Two to four round numbers.
+function ticks(plot, low, high) {
+  if (plot.log) {
+    const powers = [];
+    for (let power = Math.ceil(Math.log10(low)); 10 ** power <= high; power++) powers.push(10 ** power);
+    const every = Math.ceil(powers.length / 4);
+    if (powers.length > 1) return powers.filter((_, place) => place % every === 0);
+    const mantissas = [1, 2, 5].flatMap((m) => [-5, -4, -3, -2, -1, 0, 1].map((p) => m * 10 ** p));
+    return mantissas
+      .filter((value) => value >= low && value <= high)
+      .sort((a, b) => a - b)
+      .slice(-3);
+  }
+  const rough = (high - low) / 2.4;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((m) => m * power).find((value) => value >= rough) ?? rough;
+  const rounds = [];
+  for (let value = Math.ceil(low / step) * step; value <= high; value += step) rounds.push(value);
+  return rounds;
+}

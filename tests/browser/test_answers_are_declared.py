@@ -1,0 +1,44 @@
+"""Is it seen when the page reads what the server no longer answers? Every page test runs under `strict_answers`."""
+
+from __future__ import annotations
+
+import copy
+
+import pytest
+from playwright.sync_api import Page
+
+from tests.app import small_sessions as small
+from tests.browser.conftest import Troubles, document, strict_answers
+from tests.browser.session_page import opened, wait
+from tests.servers import Served
+
+
+@pytest.fixture(scope="module")
+def session(served: Served) -> str:
+    return small.after(served.client, 2)
+
+
+@pytest.mark.parametrize(
+    ("schema", "member"),
+    [("LinkEstimate", "visible_fraction"), ("Session", "max_std"), ("TraceRow", "std_xyz"), ("GraphPart", "links")],
+)
+def test_a_renamed_member_is_seen(
+    small_page: Page, served: Served, session: str, troubles: Troubles, schema: str, member: str
+) -> None:
+    renamed = copy.deepcopy(document())
+    members = renamed["components"]["schemas"][schema]["properties"]
+    members[f"new_{member}"] = members.pop(member)
+    small_page.add_init_script(strict_answers(renamed))
+    troubles.expect("")  # the page cannot work: what matters is that it says why
+    small_page.goto(f"{served.url}/sessions/{session.rsplit('/', 1)[1]}/")
+    wait(small_page, lambda: any(f"'{member}'" in text for text in troubles.found))
+
+
+def test_a_page_of_a_server_that_keeps_its_word_has_no_trouble(
+    small_page: Page, served: Served, session: str, troubles: Troubles
+) -> None:
+    opened(small_page, served, session)
+    assert small_page.evaluate(
+        "fetch('/api/v1/sessions').then((a) => a.text()).then((t) => JSON.parse(t)[0].view_url)"
+    ).startswith("/sessions/")
+    assert troubles.unexpected() == []

@@ -1,0 +1,164 @@
+"""Do the tabs at the side of a session's page answer what they are asked?"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page, expect
+
+from tests.app import small_sessions as small
+from tests.browser.conftest import PATIENCE, Troubles, pixels
+from tests.browser.session_page import opened, tab, view, wait, written
+from tests.servers import Served
+
+expect.set_options(timeout=PATIENCE)
+
+
+@pytest.fixture
+def session(served: Served) -> str:
+    """The path of a session that has made six iterations."""
+    return small.after(served.client, 6, name="a cabinet", iterations=12)
+
+
+def test_the_graph_opens_a_belief(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    node = page.get_by_role("button", name=re.compile("^drawer2, (not )?certain, standard deviation"))
+    node.focus()
+    page.keyboard.press("Enter")
+    expect(node).to_have_attribute("aria-pressed", "true")
+    expect(page.get_by_role("heading", name="drawer2", exact=True)).to_be_visible()
+    names = [one["name"] for one in served.client.get(f"{session}/beliefs/drawer2/marginals").json()["marginals"]]
+    assert {"x", "y", "z", "roll", "pitch", "yaw"} < set(names)
+    expect(page.locator("#marginals figure")).to_have_count(len(names))
+    expect(page.locator("#modes li").first).to_be_visible()
+    wait(page, lambda: view(page, served)["part"] == "drawer2")
+    page.get_by_role("button", name="Back to all links").click()
+    expect(page.locator("#links tr")).to_have_count(7)
+
+
+def test_an_edge_opens_its_two_messages(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    page.get_by_role("button", name=re.compile("between frame and drawer3")).click()
+    expect(page.get_by_role("heading", name="frame says where drawer3 is")).to_be_visible()
+    expect(page.get_by_role("heading", name="drawer3 says where frame is")).to_be_visible()
+    expect(page.locator(".message .scatter circle").first).to_be_attached()
+    wait(page, lambda: view(page, served)["edge"] == ["frame", "drawer3"])
+    wait(page, lambda: view(page, served)["show"]["messages"])
+
+
+def test_why_a_particle_weighs_what_it_does(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    panel = tab(page, "Why")
+    panel.get_by_role("button", name="drawer1", exact=True).click()
+    best = served.client.get(f"{session}/beliefs/drawer1/particles?limit=3").json()["particles"]
+    rows = panel.get_by_role("list").get_by_role("button")
+    expect(rows.nth(2)).to_contain_text(str(best[2]["index"]))
+    rows.first.click()
+    expect(panel.get_by_role("heading", name=f"drawer1, particle {best[0]['index']}")).to_be_visible()
+    expect(panel.locator("#why-shares")).to_contain_text("the scan (unary)")
+    expect(panel.locator("#why-shares")).to_contain_text("frame’s message")
+    picture = panel.get_by_role("img", name=re.compile("Observed depth"))
+    expect(picture).to_be_visible()
+    assert pixels(picture).std() > 10
+    wait(page, lambda: view(page, served)["particle"] == best[0]["index"])
+
+    why = served.client.get(f"{session}/beliefs/drawer1/particles/{best[0]['index']}").json()
+    panel.locator("#ancestor").click()
+    expect(page.locator("#shown")).to_have_text(re.compile("5 / 6"))
+    expect(panel.get_by_role("heading", level=2)).to_have_text(f"{why['ancestor_part']}, particle {why['ancestor']}")
+
+
+def test_a_particle_chosen_by_a_program_is_explained(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    name = (page.locator("#scene").get_attribute("src") or "").split("/")[4]
+    served.client.patch(f"{session}/views/{name}", json={"part": "drawer3", "particle": 7})
+    expect(page.get_by_role("tab", name="Why")).to_have_attribute("aria-selected", "true")
+    expect(page.get_by_role("heading", name="drawer3, particle 7")).to_be_visible()
+
+
+def test_layers(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    panel = tab(page, "Layers")
+    panel.get_by_role("switch", name="support planes").check()
+    panel.get_by_role("switch", name="points of the scan").uncheck()
+    panel.get_by_role("button", name="explained", exact=True).click()
+    panel.get_by_role("button", name="by weight").click()
+    panel.get_by_label("Confidence").fill("90")
+    expect(panel.locator("#confidence-text")).to_contain_text("90")
+    wait(page, lambda: view(page, served)["confidence"] == 0.9)
+    shown = view(page, served)
+    assert shown["show"]["planes"] and not shown["show"]["scan"]
+    assert (shown["colour_scan"], shown["colour_particles"]) == ("explained", "weight")
+    expect(panel.get_by_role("switch", name="truth")).to_be_disabled()
+
+
+def test_a_session_begins_anew_with_another_region(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    panel = tab(page, "Layers")
+    panel.get_by_role("switch", name="region of interest").check()
+    corner = panel.get_by_label("largest z of the region, centimetres")
+    expect(corner).to_have_value(f"{small.REGION[5] * 100:.1f}")
+    corner.fill("70")
+    corner.press("Tab")
+    wait(page, lambda: (view(page, served)["region"] or [0])[-1] == 0.7)
+    before = page.url
+    panel.get_by_role("button", name="Start a new session with this region").click()
+    page.wait_for_url(lambda url: url.split("?")[0] != before.split("?")[0])
+    page.locator("body[data-ready]").wait_for()
+    made = served.client.get("/api/v1/sessions/" + page.url.split("/")[4]).json()
+    assert made["roi"] == [*small.REGION[:5], 0.7]
+
+
+def test_settings_count_from_the_next_iteration(page: Page, served: Served, session: str, troubles: Troubles) -> None:
+    opened(page, served, session)
+    panel = tab(page, "Settings")
+    field = panel.get_by_label("tolerance end")
+    field.fill("0.02")
+    field.press("Tab")
+    wait(page, lambda: served.client.get(session).json()["config"].get("tolerance_end") == 0.02)
+    expect(page.locator(".mark.change")).to_have_count(1)
+    troubles.expect("422")
+    field.fill("-1")
+    field.press("Tab")
+    expect(panel.get_by_role("alert").filter(has_text="at least 0.0001")).to_be_visible()
+    panel.get_by_role("button", name="Reset tolerance_end").click()
+    wait(page, lambda: served.client.get(session).json()["config"].get("tolerance_end") == 0.012)
+    panel.get_by_role("button", name="paper").click()
+    wait(page, lambda: served.client.get(session).json()["config"].get("preset") == "paper")
+    expect(panel.get_by_label("pixel score")).to_have_value("distance")
+
+
+def test_another_method_or_particle_count_begins_a_new_session(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    panel = tab(page, "Settings")
+    panel.get_by_label("method").select_option("particle filter")
+    panel.get_by_label("particles per part").fill("30")
+    before = page.url.split("?")[0]
+    panel.get_by_role("button", name="Start a new session with these").click()
+    page.wait_for_url(lambda url: url.split("?")[0] != before)
+    made = served.client.get("/api/v1/sessions/" + page.url.split("/")[4]).json()
+    assert (made["particles"], made["method"]) == (30, "particle_filter")
+    page.locator("body[data-ready]").wait_for()
+
+
+def test_compare_with_another_session(page: Page, served: Served, session: str) -> None:
+    other = small.after(served.client, 4, name="the other", seed=5)
+    opened(page, served, session)
+    panel = tab(page, "Compare")
+    panel.get_by_label("Compare with").select_option(label="the other (4)")
+    mine, its = (served.client.get(f"{path}/estimate").json() for path in (session, other))
+    apart = [
+        mine["links"]["frame"]["pose"]["position"][axis] - its["links"]["frame"]["pose"]["position"][axis]
+        for axis in "xyz"
+    ]
+    distance = float(np.linalg.norm(apart)) * 1000
+    row = panel.locator("#compare-links tr").first
+    expect(row.locator("td").first).to_have_text(re.compile(re.escape(written(distance))))
+    wait(page, lambda: (view(page, served)["compare"] or {}).get("session_id") == other.rsplit("/", 1)[1])
+    panel.get_by_role("switch", name="follow this timeline").check()
+    page.get_by_role("slider", name="Iteration").fill("2")
+    expect(panel.locator("#compare-what")).to_have_text("Iteration 2 here, iteration 2 there")
+    panel.get_by_role("button", name="Stop comparing").click()
+    wait(page, lambda: view(page, served)["compare"] is None)

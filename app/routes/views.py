@@ -10,7 +10,6 @@ from fastapi import APIRouter, Depends, Path, Request, Response
 from fastapi.responses import HTMLResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
-from app import view_schemas
 from app.problems import HttpProblem, responses
 from app.routes.event_stream import RETRY, News, news, not_stored
 from app.routes.parameters import SourceId, sessions_of
@@ -18,11 +17,10 @@ from app.schemas import answer
 from app.security import VIEW_POLICY
 from app.sessions.source import Source
 from app.store.store import safe_name
-from app.viewer.view import View
-from app.viewer.view_state import ViewStateError
+from app.viewer.view import View, ViewStatus
+from app.viewer.view_state import ViewState, ViewStateError
 from app.viewer.views import Views, with_handles
 from pmpnbp.json_text import json_bytes
-from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.prior import load_prior
 
 router = APIRouter(prefix="/api/v1", tags=["views"])
@@ -34,7 +32,7 @@ ViewId = Annotated[
 
 @router.get(
     "/sessions/{session_id}/views/{view_id}",
-    response_model=view_schemas.ViewState,
+    response_model=ViewStatus,
     operation_id="get_view",
     summary="What a 3D view shows",
     description="A view that is not there is made; one that nobody looks at goes after a minute.",
@@ -48,22 +46,22 @@ def get_view(session_id: SourceId, view_id: ViewId, request: Request) -> Any:
 
 @router.patch(
     "/sessions/{session_id}/views/{view_id}",
-    response_model=view_schemas.ViewState,
+    response_model=ViewStatus,
     operation_id="change_view",
     summary="Change what a 3D view shows",
-    description="Members that are not named stay. Another `part` forgets the `particle`.",
+    description="Members that are not named stay, and so do layers that `show` does not name. Another `part` forgets "
+    "the `particle`.",
     responses=responses(409, status_404="The session, or the one to compare it with, is not here."),
 )
-def change_view(session_id: SourceId, view_id: ViewId, body: view_schemas.ViewChange, request: Request) -> Any:
+def change_view(session_id: SourceId, view_id: ViewId, body: ViewState, request: Request) -> Any:
     """Change it, where all of it is possible."""
-    change = view_schemas.given(body)
     with _view(request, session_id, view_id) as view:
         source = sessions_of(request).get(session_id)
-        _check(change, source, request)
-        view.change(change)
-        if "show" in change:
+        _check(body, source, request)
+        view.change(body)
+        if "show" in body.model_fields_set:
             with_handles(view, source)
-        if "camera" in change:
+        if "camera" in body.model_fields_set:
             painter = _views(request).painter(view)
             if painter is not None:
                 painter.camera.look(view.state.camera)
@@ -96,12 +94,12 @@ async def get_view_events(
 ) -> AsyncIterator[ServerSentEvent]:
     """The stream; it ends with the view."""
     yield RETRY
-    told = {"view"}
+    kinds = {"view"}
     while not view.closed:
-        for what in sorted(told, reverse=True):
+        for what in sorted(kinds, reverse=True):
             state = view.answer() if what == "view" else view.drawn_members()
             yield ServerSentEvent(event=what, raw_data=json_bytes(state).decode())
-        told = {"view" if what == "clients" else what for what in await fresh.words()}
+        kinds = {"view" if what == "clients" else what for what in await fresh.words()}
 
 
 @router.get(
@@ -124,6 +122,12 @@ def get_view_scene(session_id: SourceId, view_id: ViewId, request: Request) -> R
     return HTMLResponse(text, headers=headers)
 
 
+@router.get("/view-state", operation_id="describe_view_state", summary="The members of a 3D view's state")
+def describe_view_state() -> dict[str, Any]:
+    """As a JSON schema: default, bounds or choices, and meaning of each member; of each layer its name for people."""
+    return ViewState.model_json_schema()
+
+
 @contextmanager
 def _view(request: Request, session_id: str, view_id: str) -> Iterator[View]:
     """A view, kept open while a call looks at it."""
@@ -140,25 +144,22 @@ def _views(request: Request) -> Views:
     return views
 
 
-def _check(change: dict[str, Any], source: Source, request: Request) -> None:
+def _check(change: ViewState, source: Source, request: Request) -> None:
     """Whether what is named is there: parts, the edge, the prior's link, the session to compare with."""
-    if change.get("compare") is not None:
-        sessions_of(request).get(change["compare"]["session_id"])
-    if not any(change.get(member) is not None for member in ("part", "edge", "prior")):
+    if change.compare is not None:
+        sessions_of(request).get(change.compare.session_id)
+    named = [name for name in (change.part, *(change.edge or ())) if name is not None]
+    if not named and change.prior is None:
         return
     model = source.archive.read().problem.mrf.model
-    if change.get("prior") is not None:
-        load_prior(change["prior"], model)
-    for name in [change.get("part"), *(change.get("edge") or ())]:
-        if name is not None and name not in [part.name for part in model.parts]:
-            raise ViewStateError(
-                f"part {name!r:.60} is not in the model; it has {', '.join(part.name for part in model.parts)}"
-            )
-    _check_edge(change.get("edge"), model)
-
-
-def _check_edge(edge: list[str] | None, model: ArticulatedObject) -> None:
-    pairs = [(model.parts[one.parent].name, model.parts[one.child].name) for one in model.edges]
-    if edge is not None and set(edge) not in [set(pair) for pair in pairs]:
+    if change.prior is not None:
+        load_prior(change.prior, model)
+    parts = [part.name for part in model.parts]
+    for name in named:
+        if name not in parts:
+            raise ViewStateError(f"part {name!r:.60} is not in the model; it has {', '.join(parts)}")
+    pairs = [(parts[edge.parent], parts[edge.child]) for edge in model.edges]
+    if change.edge is not None and set(change.edge) not in [set(pair) for pair in pairs]:
         known = ", ".join(f"{parent}-{child}" for parent, child in pairs)
-        raise ViewStateError(f"no joint connects {edge[0]!r:.60} and {edge[1]!r:.60}; there are {known or 'none'}")
+        one, other = change.edge
+        raise ViewStateError(f"no joint connects {one!r:.60} and {other!r:.60}; there are {known or 'none'}")

@@ -1,8 +1,21 @@
-"""Where do a view's browsers look from? From where they are told to; then from where a hand takes them, which is told.
+"""Where do a view's browsers look from? From where REST says; then from where a hand moves them, which is reported.
 
 viser's page sets its camera by itself while it loads, more than once and in no fixed order with what it is told. So a
-browser is put where it should be again until it says that it is there, and when it goes back, soon after, to exactly
-where it has been before without a hand.
+browser is told again until it reports that it is there, and again where it goes back, soon after, to exactly a place
+where it has been without a hand (a stray). Each browser is in one of four states:
+
+              (joins; `look` from any state)
+                            |
+                            v     told ATTEMPTS times in vain
+       reports a stray   PLACING ----------------------------> ABANDONED
+        .----------------^  |                                      |
+        |                   | reports that it is there             | reports that it is there
+        |                   v                                      |
+        `---------------- PLACED <---------------------------------'
+                            |
+                            | reports any other place
+                            v
+                          MOVED    every report is a hand's
 """
 
 from __future__ import annotations
@@ -12,46 +25,88 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import Any
 
 import numpy as np
 import viser
+from pydantic import ValidationError
 
 from app.viewer.view_state import Eye
 
 # Vertical field of view of the browser's camera, radians.
 FIELD_OF_VIEW = math.radians(36)
-# An eye nearer than this to another, metres, is the same; and is where it was told to be.
-SAME, PLACED = 1e-3, 2e-2
-# Seconds between two attempts to put a browser somewhere, how often it is tried, and between two tellings of a move.
-PATIENCE, TRIES, TELLING = 0.4, 25, 0.33
-# Places kept at which a browser has been without a hand.
+# Metres within which two eyes are the same, and within which a browser is where it was told to be.
+SAME, ARRIVED = 1e-3, 2e-2
+# A browser is told so often, and so many seconds apart, where to look from.
+ATTEMPTS, RETRY_SECONDS = 25, 0.4
+# Seconds between two reports of a hand's move.
+REPORT_SECONDS = 0.33
+# Strays kept of a browser.
 STRAYS = 12
 
 
+class Placement(Enum):
+    """How far a browser is where it was told to look from; see the picture above."""
+
+    PLACING = "it is told where to look from, and not there yet"
+    PLACED = "it is there"
+    MOVED = "a hand has moved it since"
+    ABANDONED = "it never got there, and is told no more"
+
+
 @dataclass(eq=False)
-class _Browser:
-    """One that looks. place : puts it somewhere; strays : where it has been without a hand, until a hand moves it;
-    due : when it is put there again, if it is not there by then"""
+class Browser:
+    """A browser that looks. place : tells it where from; due : time at which it is told again
+
+    strays : where it has been without a hand, until a hand moves it"""
 
     place: Callable[[Eye], None]
-    placed: bool = False
-    tries: int = 0
+    placement: Placement = Placement.PLACING
+    attempts: int = 0
     due: float = 0.0
     strays: list[Eye] = field(default_factory=list)
 
-    def strayed(self, eye: Eye) -> None:
-        """It has been there without a hand."""
-        if not self.astray(eye):
+    def send(self, left: Eye | None) -> None:
+        """Have it look from elsewhere; `left` is where it was told to look from until now."""
+        self.placement, self.attempts, self.due = Placement.PLACING, 0, 0.0
+        if left is not None:
+            self._note_stray(left)
+
+    def count_attempt(self, now: float) -> None:
+        """It is told where to look from, now and in a while again."""
+        self.attempts += 1
+        self.due = now + RETRY_SECONDS
+        if self.attempts == ATTEMPTS:
+            self.placement = Placement.ABANDONED
+
+    def report(self, eye: Eye, wanted: Eye) -> bool:
+        """It looks from `eye`, and is wanted at `wanted`: whether a hand has moved it."""
+        there = _near(eye, wanted, ARRIVED)
+        if self.placement in (Placement.PLACING, Placement.ABANDONED):
+            if there:
+                self.placement = Placement.PLACED
+            else:
+                self._note_stray(eye)
+            return False
+        if self.placement is Placement.PLACED and self._is_stray(eye):
+            if not there:
+                self.placement = Placement.PLACING if self.attempts < ATTEMPTS else Placement.ABANDONED
+            return False
+        self.placement = Placement.MOVED
+        self.strays.clear()
+        return True
+
+    def _note_stray(self, eye: Eye) -> None:
+        if not self._is_stray(eye):
             self.strays = [*self.strays, eye][-STRAYS:]
 
-    def astray(self, eye: Eye) -> bool:
-        """Whether it has been there without a hand."""
+    def _is_stray(self, eye: Eye) -> bool:
         return any(_near(eye, stray, SAME) for stray in self.strays)
 
 
 class Camera:
-    """The camera of one view. Thread-safe; what a hand has done is told by `moved`, called from `tend`.
+    """The camera of one view. Thread-safe; a hand's move is reported by `moved`, called from `tend`.
 
     wake : has whoever tends it look when it is next due (`wait`)
     """
@@ -61,18 +116,18 @@ class Camera:
         self._moved = moved
         self._lock = threading.Lock()
         self._server: viser.ViserServer | None = None
-        self._browsers: dict[int, _Browser] = {}
+        self._browsers: dict[int, Browser] = {}
         self._home: Eye | None = None
-        self._told: Eye | None = None
-        self._seen: Eye | None = None
+        self._wanted: Eye | None = None
+        self._by_hand: Eye | None = None
 
     def begin(self, server: viser.ViserServer, home: Eye) -> None:
         """Look after the browsers of a server. home : where it is looked from unless `look` says another place"""
         server.initial_camera.fov = FIELD_OF_VIEW
         self._server, self._home = server, home
         self.look(None)
-        server.on_client_connect(self._came)
-        server.on_client_disconnect(self._left)
+        server.on_client_connect(self._connected)
+        server.on_client_disconnect(self._disconnected)
 
     def look(self, eye: Eye | None) -> None:
         """Look from `eye`; None: from where the view begins. Without effect before `begin`."""
@@ -80,11 +135,9 @@ class Camera:
         if self._server is None or eye is None:
             return
         with self._lock:
-            before, self._told, self._seen = self._told, eye, None
+            left, self._wanted, self._by_hand = self._wanted, eye, None
             for browser in self._browsers.values():
-                browser.placed, browser.tries, browser.due = False, 0, 0.0
-                if before is not None:
-                    browser.strayed(before)
+                browser.send(left)
         self._begin_from(eye)
         self.tend()
 
@@ -92,55 +145,47 @@ class Camera:
         """Seconds until there is something to tend; None: until it wakes."""
         now = time.monotonic()
         with self._lock:
-            waits = [browser.due - now for browser in self._browsers.values() if self._waits(browser)]
-            if self._seen is not None:
-                waits.append(TELLING)
+            waits = [browser.due - now for browser in self._placing()]
+            if self._by_hand is not None:
+                waits.append(REPORT_SECONDS)
         return max(min(waits), 0.0) if waits else None
 
     def tend(self) -> None:
-        """Tell where a hand has moved the camera, and put browsers again where they should be."""
+        """Report where a hand has moved the camera, and tell browsers again that are not where they should be."""
         now = time.monotonic()
         with self._lock:
-            seen, self._seen = self._seen, None
-            if seen is not None and self._told is not None and _near(seen, self._told, SAME):
-                seen = None
-            self._told = seen or self._told
-            told = self._told
-            due = [one for one in self._browsers.values() if self._waits(one) and one.due <= now]
+            moved, self._by_hand = self._by_hand, None
+            if moved is not None and self._wanted is not None and _near(moved, self._wanted, SAME):
+                moved = None
+            self._wanted = wanted = moved or self._wanted
+            due = [browser for browser in self._placing() if browser.due <= now]
             for browser in due:
-                browser.tries += 1
-                browser.due = now + PATIENCE
-        if seen is not None:
-            self._begin_from(seen)
-            self._moved(seen)
+                browser.count_attempt(now)
+        if moved is not None:
+            self._begin_from(moved)
+            self._moved(moved)
         for browser in due:
-            if told is not None:
-                browser.place(told)
+            if wanted is not None:
+                browser.place(wanted)
 
     def joined(self, name: int, place: Callable[[Eye], None]) -> None:
         """A browser has come."""
         with self._lock:
-            self._browsers[name] = _Browser(place)
+            self._browsers[name] = Browser(place)
         self._wake()
 
     def reported(self, name: int, eye: Eye) -> None:
         """A browser says where it looks from."""
         with self._lock:
-            browser, told = self._browsers.get(name), self._told
-            if browser is None or told is None:
+            browser = self._browsers.get(name)
+            if browser is None or self._wanted is None:
                 return
-            if not browser.placed and _near(eye, told, PLACED):
-                browser.placed = True
-            elif browser.placed and not browser.astray(eye):
-                browser.strays.clear()
-                self._seen = eye
-            elif not _near(eye, told, PLACED):
-                browser.placed = False
-                browser.strayed(eye)
+            if browser.report(eye, self._wanted):
+                self._by_hand = eye
         self._wake()
 
-    def _waits(self, browser: _Browser) -> bool:
-        return not browser.placed and browser.tries < TRIES
+    def _placing(self) -> list[Browser]:
+        return [browser for browser in self._browsers.values() if browser.placement is Placement.PLACING]
 
     def _begin_from(self, eye: Eye) -> None:
         """A browser that comes, or comes again, begins there."""
@@ -148,7 +193,7 @@ class Camera:
         start = self._server.initial_camera
         start.up, start.position, start.look_at = np.array(eye.up), np.array(eye.position), np.array(eye.look_at)
 
-    def _came(self, client: viser.ClientHandle) -> None:
+    def _connected(self, client: viser.ClientHandle) -> None:
         def place(eye: Eye) -> None:
             with client.atomic():
                 client.camera.fov = FIELD_OF_VIEW
@@ -161,17 +206,16 @@ class Camera:
         @client.camera.on_update
         async def _(camera: Any) -> None:
             vectors = (camera.position, camera.look_at, camera.up_direction)
-            if np.isfinite(vectors).all():
-                self.reported(client.client_id, Eye(*(_rounded(vector) for vector in vectors)))
+            try:
+                position, look_at, up = (tuple(round(float(value), 5) for value in vector) for vector in vectors)
+                eye = Eye(position=position, look_at=look_at, up=up)
+            except ValidationError:
+                return  # a page that is being laid out may look nowhere
+            self.reported(client.client_id, eye)
 
-    def _left(self, client: viser.ClientHandle) -> None:
+    def _disconnected(self, client: viser.ClientHandle) -> None:
         with self._lock:
             self._browsers.pop(client.client_id, None)
-
-
-def _rounded(vector: Any) -> tuple[float, float, float]:
-    x, y, z = (round(float(value), 5) for value in vector)
-    return x, y, z
 
 
 def _near(one: Eye, other: Eye, within: float) -> bool:

@@ -23,6 +23,10 @@ html, body {{ background: var(--ground) !important; }}
 #root .mantine-Paper-root:has(.mantine-ScrollArea-root) {{ display: none !important; }}
 </style>"""
 
+# viser's page connects again after a break only while it has the focus, which in a frame it seldom has: the scene would
+# stand still after a restart of the server, whatever the page around it shows.
+_RECONNECT = "<script>document.hasFocus = () => true;</script>"
+
 # With `?economy`, which the session's page says where there is no graphics card, the processor draws: edges are not
 # smoothed, but for a moment after a hand has moved there is a pause between two frames, and viser's frame a second for
 # no reason comes every five. viser goes on drawing for 250 ms after each change; while the session iterates, which the
@@ -71,4 +75,4 @@ if (new URLSearchParams(location.search).has("economy")) {
 def scene_only(page: str, script: str = "") -> str:
     """A page of viser's, HTML, of which only the scene is seen. script : elements to be read first"""
     start = page.index("<head>") + len("<head>")
-    return page[:start] + _STYLE + _ECONOMY + script + page[start:]
+    return page[:start] + _STYLE + _RECONNECT + _ECONOMY + script + page[start:]

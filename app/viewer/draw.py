@@ -139,7 +139,7 @@ class Drawing:
         return self._add_handle(node)
 
     def _add_handle(self, node: Handle) -> Any:
-        made = self._server.scene.add_transform_controls(
+        handle = self._server.scene.add_transform_controls(
             node.name,
             node.size,
             line_width=3.0,
@@ -158,8 +158,8 @@ class Drawing:
             pose = np.concatenate([event.target.position, event.target.wxyz]).astype(np.float64)
             self._dragged(node.name, pose, event.phase == "end")
 
-        made.on_update(moved)
-        return made
+        handle.on_update(moved)
+        return handle
 
 
 def _changeable(old: Node, new: Node) -> bool:

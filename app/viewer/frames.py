@@ -59,22 +59,22 @@ QUIET: Mapping[Theme, Colour] = {"light": rgb("#7b8694"), "dark": rgb("#8b97a6")
 
 
 def frame(
-    made: Snapshot,
+    snapshot: Snapshot,
     state: ViewState,
     stage: Stage,
     *,
     compared: tuple[Snapshot, Stage] | None = None,
 ) -> SceneFrame:
-    """The scene of iteration `made`.
+    """The scene of iteration `snapshot`.
 
     stage : of the iteration's object and scans; compared : another iteration to lay over it, with its stage
     """
     show, theme = state.show, state.theme
-    part_poses = made.placed.part_poses
+    part_poses = snapshot.placed.part_poses
     names = [part.name for part in stage.model.parts]
     nodes: list[Node] = []
     if show.scan:
-        nodes += _scans(made, state, stage, part_poses)
+        nodes += _scans(snapshot, state, stage, part_poses)
     if show.camera:
         nodes += [_frustum(f"/camera/{n}", cloud, stage, state) for n, cloud in enumerate(stage.scans)]
     if show.estimate:
@@ -82,29 +82,29 @@ def frame(
         opacity = FAINT if show.scan and state.colour_scan == "explained" else ESTIMATE
         nodes += _posed("/estimate", stage, part_poses, colours(stage, theme), opacity, state)
     if show.ellipsoids:
-        nodes.append(_ellipsoids("/ellipsoids", made, stage, part_poses, colours(stage, theme), state))
+        nodes.append(_ellipsoids("/ellipsoids", snapshot, stage, part_poses, colours(stage, theme), state))
     if show.particles:
-        nodes += _particles(made.report.belief, stage, state)
+        nodes += _particles(snapshot.report.belief, stage, state)
     if show.axes and state.part in names:
-        best = _best(made.report.belief, names.index(state.part))
+        best = _best(snapshot.report.belief, names.index(state.part))
         nodes.append(Axes("/axes", best, AXIS * stage.size))
-    if show.truth and made.criteria.truth is not None:
-        nodes += _truth(made.criteria.truth["links"], stage, state)
+    if show.truth and snapshot.criteria.truth is not None:
+        nodes += _truth(snapshot.criteria.truth["links"], stage, state)
     if show.planes:
         nodes += _planes(stage, state)
-    if show.messages and state.edge is not None and made.report.messages is not None:
-        nodes += _messages(made.report.messages, stage, state)
-    nodes += _selected(made.report.belief, stage, state)
+    if show.messages and state.edge is not None and snapshot.report.messages is not None:
+        nodes += _messages(snapshot.report.messages, stage, state)
+    nodes += _selected(snapshot.report.belief, stage, state)
     if compared is not None:
         nodes += _compared(*compared, state)
     nodes += gizmos(stage, state)
-    count = int(made.report.belief.poses.shape[1])
+    count = int(snapshot.report.belief.poses.shape[1])
     particles = {name: count for name in names if show.particles}
     corners = tuple(np.zeros((0, 3, 3), np.float32) if shape is None else shape.corners for shape in stage.shapes)
     targets = Targets(
-        tuple(names), made.report.belief.poses[..., :3], part_poses, corners, show.particles, show.estimate
+        tuple(names), snapshot.report.belief.poses[..., :3], part_poses, corners, show.particles, show.estimate
     )
-    return SceneFrame(made.iteration, tuple(nodes), particles, targets)
+    return SceneFrame(snapshot.iteration, tuple(nodes), particles, targets)
 
 
 def colours(stage: Stage, theme: Theme) -> tuple[Colour, ...]:
@@ -118,12 +118,12 @@ def _colours(count: int, theme: Theme) -> tuple[Colour, ...]:
     return tuple(of(part) for part in range(count))
 
 
-def _scans(made: Snapshot, state: ViewState, stage: Stage, part_poses: Array) -> Iterator[Points]:
+def _scans(snapshot: Snapshot, state: ViewState, stage: Stage, part_poses: Array) -> Iterator[Points]:
     for number, (scan, category, clouds) in enumerate(zip(stage.scans, stage.categories, stage.clouds, strict=True)):
         explained = None
         if state.colour_scan == "explained":
             fit = scan_points.fits(
-                scan, category, made.problem.surfaces, part_poses, made.problem.settings.tolerance_end
+                scan, category, snapshot.problem.surfaces, part_poses, snapshot.problem.settings.tolerance_end
             )
             explained = scan_points.explained_colours(scan, state.theme, fit)
         for name, cloud, size in zip(("object", "around"), clouds, SPACED, strict=True):
@@ -163,11 +163,11 @@ def _posed(
 
 
 def _ellipsoids(
-    name: str, made: Snapshot, stage: Stage, part_poses: Array, painted: tuple[Colour, ...], state: ViewState
+    name: str, snapshot: Snapshot, stage: Stage, part_poses: Array, painted: tuple[Colour, ...], state: ViewState
 ) -> Ellipsoids:
     # a part's frame is that of its first link
     rows = [stage.model.links.index(part.links[0]) for part in stage.model.parts]
-    covariances = made.placed.covariances[rows, :3, :3]
+    covariances = snapshot.placed.covariances[rows, :3, :3]
     turns, radii = ellipsoids(covariances, state.confidence)
     return Ellipsoids(
         name,
@@ -262,12 +262,12 @@ def _selected(belief: Belief, stage: Stage, state: ViewState) -> Iterator[Node]:
         yield Lines("/selected/edges", shape.edges, ink, 2.0, pose)
 
 
-def _compared(made: Snapshot, stage: Stage, state: ViewState) -> Iterator[Node]:
+def _compared(snapshot: Snapshot, stage: Stage, state: ViewState) -> Iterator[Node]:
     grey = tuple(QUIET[state.theme] for _ in stage.shapes)
-    part_poses = made.placed.part_poses
+    part_poses = snapshot.placed.part_poses
     yield from _posed("/compare", stage, part_poses, grey, GHOST, state)
     if state.show.ellipsoids:
-        yield _ellipsoids("/compare/ellipsoids", made, stage, part_poses, grey, state)
+        yield _ellipsoids("/compare/ellipsoids", snapshot, stage, part_poses, grey, state)
 
 
 def _mixed(one: Colour, other: Colour, share: float) -> Colour:

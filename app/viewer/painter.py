@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,7 @@ from app.viewer.picking import picked
 from app.viewer.scan_points import ScanPoints, scan_points
 from app.viewer.scene_frame import Targets
 from app.viewer.stage import Stage, stage
-from app.viewer.view import Drawn, Find, View
+from app.viewer.view import DrawnScene, Find, View
 from app.viewer.view_state import Eye, ViewState
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.geometry.poses import Array
@@ -71,7 +70,7 @@ class Painter:
     def html(self) -> str:
         """The scene as it is now, as a page that needs no server. Raises HttpProblem where there is nothing to draw."""
         with self._painting:
-            self._paint(replace(self._view.state, economy=False))  # who opens it may have a graphics card
+            self._paint(self._view.state.model_copy(update={"economy": False}))  # who opens it may have a graphics card
             return scene_only(self._view.server.scene.as_html(dark_mode=self._view.state.theme == "dark"))
 
     # The thread
@@ -119,31 +118,29 @@ class Painter:
 
     def _paint(self, state: ViewState) -> bool:
         """Draw what is to be seen now, unless that is what was drawn last; whether anything was drawn."""
-        made = self._read(self._source, state.iteration)
-        other = None
-        if state.compare is not None:
-            other = self._find(state.compare.session_id)
+        snapshot = self._read(self._source, state.iteration)
+        other = None if state.compare is None else self._find(state.compare.session_id)
         compared = None if other is None or state.compare is None else self._read(other, state.compare.iteration)
-        scans = self._scan_count(made)
+        scans = self._scan_count(snapshot)
         key = (
-            made.row["event"],
-            made.iteration,
+            snapshot.row["event"],
+            snapshot.iteration,
             scans,
             None if compared is None else compared.row["event"],
-            replace(state, camera=None, hidden=False),
+            state.model_copy(update={"camera": None, "hidden": False}),
         )
-        self._dress(state)
+        self._apply_theme(state)
         if key == self._drawn_key:
             return False
-        own = self._stage(self._source, made, scans)
+        own = self._stage(self._source, snapshot, scans)
         against = None if compared is None or other is None else (compared, self._stage(other, compared, 0))
-        made_frame = frame(made, state, own, compared=against)
+        scene = frame(snapshot, state, own, compared=against)
         self._begin(own)
         assert self._drawing is not None
-        self._drawing.draw(made_frame)
-        self._targets, self._drawn_key = made_frame.targets, key
+        self._drawing.draw(scene)
+        self._targets, self._drawn_key = scene.targets, key
         serial = 1 if self._view.drawn is None else self._view.drawn.serial + 1
-        self._view.drawn = Drawn(made.iteration, made_frame.particles, serial)
+        self._view.drawn = DrawnScene(iteration=snapshot.iteration, particles=dict(scene.particles), serial=serial)
         self._view.tell("drawn")
         return True
 
@@ -154,16 +151,19 @@ class Painter:
             return newest
         return source.archive.read(iteration)
 
-    def _scan_count(self, made: Snapshot) -> int:
+    def _scan_count(self, snapshot: Snapshot) -> int:
         """How many scans the iteration was made with."""
-        later = [one for one in self._source.changes() if "scan_id" in one and one["after_iteration"] >= made.iteration]
+        later = [
+            one for one in self._source.changes() if "scan_id" in one and one["after_iteration"] >= snapshot.iteration
+        ]
         return max(len(self._source.status()["scan_ids"]) - len(later), 1)
 
-    def _stage(self, source: Source, made: Snapshot, scans: int) -> Stage:
-        key = (source.id, id(made.problem), scans)
+    def _stage(self, source: Source, snapshot: Snapshot, scans: int) -> Stage:
+        problem = snapshot.problem
+        key = (source.id, id(problem), scans)
         if key not in self._stages:
-            found = stage(made.problem, tuple(self._scan(source, view) for view in range(scans)))
-            self._stages[key] = made.problem, found  # with the problem, so that no other one can have its id
+            own = stage(problem, tuple(self._scan(source, view) for view in range(scans)))
+            self._stages[key] = problem, own  # with the problem, so that no other one can have its id
         return self._stages[key][1]
 
     def _scan(self, source: Source, view: int) -> ScanPoints:
@@ -174,7 +174,7 @@ class Painter:
 
     # viser
 
-    def _dress(self, state: ViewState) -> None:
+    def _apply_theme(self, state: ViewState) -> None:
         if state.theme != self._theme:
             self._view.server.gui.configure_theme(
                 dark_mode=state.theme == "dark", show_logo=False, show_share_button=False
@@ -193,20 +193,20 @@ class Painter:
         server.scene.on_click()(self._clicked)
 
     def _moved(self, eye: Eye) -> None:
-        self._view.change({"camera": {"position": eye.position, "look_at": eye.look_at, "up": eye.up}})
+        self._view.change(ViewState(camera=eye))
 
     def _clicked(self, event: Any) -> None:
         targets = self._targets
         if targets is None:
             return
-        found = picked(targets, np.array(event.ray_origin), np.array(event.ray_direction))
-        if found is not None:
-            part, particle = found
-            self._view.change({"part": targets.parts[part], "particle": particle})
+        pick = picked(targets, np.array(event.ray_origin), np.array(event.ray_direction))
+        if pick is not None:
+            part, particle = pick
+            self._view.change(ViewState(part=targets.parts[part], particle=particle))
 
     def _dragged(self, name: str, pose: Array, done: bool) -> None:
         state = self._view.state
         if name == PRIOR and state.prior is not None:
-            self._view.change({"prior": dragged_prior(state.prior, pose)})
+            self._view.change(ViewState(prior=dragged_prior(state.prior, pose)))
         elif name != PRIOR and state.region is not None:
-            self._view.change({"region": dragged_region(state.region, name, pose[:3])})
+            self._view.change(ViewState(region=dragged_region(state.region, name, pose[:3])))

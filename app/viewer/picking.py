@@ -19,9 +19,9 @@ def picked(targets: Targets, origin: Array, direction: Array) -> tuple[int, int 
     """
     ray = direction / np.linalg.norm(direction)
     if targets.particles_shown:
-        found = nearest_particle(targets.particles, origin, ray)
-        if found is not None:
-            return found
+        particle = nearest_particle(targets.particles, origin, ray)
+        if particle is not None:
+            return particle
     if targets.estimate_shown:
         part = first_part(targets, origin, ray)
         if part is not None:

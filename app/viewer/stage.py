@@ -161,7 +161,7 @@ def _eye(observation: Observation) -> Eye:
     distance = max(float(np.linalg.norm(back)), 1e-3)
     aside = poses.rotate(poses.from_rotation_vector(ASIDE * observation.up), back)
     position = target + FARTHER * aside + HIGHER * distance * observation.up
-    return Eye(_triple(position), _triple(target), _triple(observation.up))
+    return Eye(position=_triple(position), look_at=_triple(target), up=_triple(observation.up))
 
 
 def _triple(vector: Array) -> tuple[float, float, float]:

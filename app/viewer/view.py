@@ -7,27 +7,35 @@ whoever listens is told of both.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import viser
+from pydantic import BaseModel, Field
 
 from app.problems import HttpProblem
 from app.sessions.source import Source
-from app.viewer.view_state import ViewState, members, merged
+from app.viewer.view_state import ViewState, merged
 from app.viewer.viser_server import address, open_server
 
 Find = Callable[[str], Source]
 
 
-@dataclass(frozen=True)
-class Drawn:
-    """What the scene shows now. particles : how many of each part; serial : counts what was drawn in this view"""
+class DrawnScene(BaseModel):
+    """What the 3D view last drew."""
 
-    iteration: int
-    particles: Mapping[str, int]
-    serial: int
+    iteration: int = Field(description="number of the iteration")
+    particles: dict[str, int] = Field(description="by part, how many particles; empty where they are not shown")
+    serial: int = Field(description="counts what was drawn in this view")
+
+
+class ViewStatus(ViewState):
+    """What a 3D view shows, and what came of it."""
+
+    drawn: DrawnScene | None = Field(description="null where nothing was drawn yet")
+    clients: int = Field(description="browsers that show the scene")
+    error: str | None = Field(description="one sentence, where the state cannot be drawn; the scene stays as it was")
 
 
 @dataclass(eq=False)
@@ -44,7 +52,7 @@ class View:
     clients: int = 0
     keepers: int = 0
     last_left: threading.Timer | None = field(default=None, repr=False)
-    drawn: Drawn | None = None
+    drawn: DrawnScene | None = None
     error: str | None = None
 
     def __post_init__(self) -> None:
@@ -79,8 +87,8 @@ class View:
         """What it shows."""
         return self._state
 
-    def change(self, change: Mapping[str, Any]) -> ViewState:
-        """Merge members into the state; whoever listens is told "view". Raises ViewStateError."""
+    def change(self, change: ViewState) -> ViewState:
+        """Merge the members that `change` was given into the state, and tell the listeners. Raises ViewStateError."""
         with self._lock:
             old, self._state = self._state, merged(self._state, change)
             new = self._state
@@ -90,14 +98,11 @@ class View:
 
     def answer(self) -> dict[str, Any]:
         """The state as REST shows it, with what was drawn and how many look."""
-        return members(self._state) | {"drawn": self.drawn_members(), "clients": self.clients, "error": self.error}
+        return self._state.model_dump() | {"drawn": self.drawn_members(), "clients": self.clients, "error": self.error}
 
     def drawn_members(self) -> dict[str, Any] | None:
         """What was drawn last, as REST shows it."""
-        drawn = self.drawn
-        if drawn is None:
-            return None
-        return {"iteration": drawn.iteration, "particles": dict(drawn.particles), "serial": drawn.serial}
+        return None if self.drawn is None else self.drawn.model_dump()
 
     def listen(self, wake: Callable[[str], None]) -> Callable[[], None]:
         """Call `wake` with what happened: "view" (its state changed), "drawn", "clients" (somebody came or went) or

@@ -15,6 +15,7 @@ from app.sessions.source import Source
 from app.viewer.gizmos import default_prior, default_region
 from app.viewer.painter import Painter
 from app.viewer.view import Find, View
+from app.viewer.view_state import MAX_COORDINATE, ViewState
 
 LINGER_SECONDS = 60.0
 
@@ -46,9 +47,9 @@ class Views:
             if self._closed:
                 raise HttpProblem(503, "the server stops")
             view = self._views.get((session_id, view_id))
-            gone = None
+            closing = None
             if view is None:
-                gone = self._make_room()
+                closing = self._make_room()
                 view = View(session_id, view_id, source)
                 view.change(_own_handles(source))
                 self._views[session_id, view_id] = view
@@ -58,8 +59,8 @@ class Views:
             if view.last_left is not None:
                 view.last_left.cancel()
                 view.last_left = None
-        if gone is not None:
-            self._end(*gone)
+        if closing is not None:
+            self._end(*closing)
         return view
 
     def release(self, view: View) -> None:
@@ -93,16 +94,16 @@ class Views:
     def close_session(self, session_id: str) -> None:
         """Close every view of a session, as when it is deleted."""
         with self._lock:
-            gone = [self._take(key) for key in list(self._views) if key[0] == session_id]
-        for view, painter in gone:
+            closing = [self._take(key) for key in list(self._views) if key[0] == session_id]
+        for view, painter in closing:
             self._end(view, painter)
 
     def close(self) -> None:
         """Close all."""
         with self._lock:
             self._closed = True
-            gone = [self._take(key) for key in list(self._views)]
-        for view, painter in gone:
+            closing = [self._take(key) for key in list(self._views)]
+        for view, painter in closing:
             self._end(view, painter)
 
     def _take(self, key: _Key) -> tuple[View, Painter | None]:
@@ -123,8 +124,8 @@ class Views:
             key = (view.session_id, view.view_id)
             if view.keepers > 0 or self._views.get(key) is not view:
                 return
-            gone = self._take(key)
-        self._end(*gone)
+            closing = self._take(key)
+        self._end(*closing)
 
     def _end(self, view: View, painter: Painter | None) -> None:
         view.close()
@@ -137,23 +138,22 @@ def new_view_id() -> str:
     return secrets.token_hex(8)
 
 
-def _own_handles(source: Source | None) -> dict[str, object]:
+def _own_handles(source: Source | None) -> ViewState:
     """The session's own region and gaussian prior, for a new view."""
     status = {} if source is None else source.status()
-    prior = status.get("prior")
+    region, prior = status.get("roi"), status.get("prior")
+    if region is not None and max(map(abs, region)) > MAX_COORDINATE:
+        region = None  # no box that could be seen
     gaussian = isinstance(prior, dict) and prior.get("kind") == "gaussian"
-    return {"region": status.get("roi"), "prior": prior if gaussian else None}
+    return ViewState(region=region, prior=prior if gaussian else None)
 
 
 def with_handles(view: View, source: Source) -> None:
     """Give region and prior of the view's state something to drag, where they are shown and say nothing yet. Raises
     HttpProblem where the session has no iteration."""
     state = view.state
-    change: dict[str, object] = {}
     if state.show.region and state.region is None:
-        change["region"] = default_region(source.archive.read().problem.observation)
+        view.change(ViewState(region=default_region(source.archive.read().problem.observation)))
     if state.show.prior and state.prior is None:
-        made = source.archive.read()
-        change["prior"] = default_prior(made.problem.mrf.model, made.result["links"])
-    if change:
-        view.change(change)
+        snapshot = source.archive.read()
+        view.change(ViewState(prior=default_prior(snapshot.problem.mrf.model, snapshot.result["links"])))

@@ -5,9 +5,15 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from functools import cache
+from typing import Any, TypeVar
 
+import numpy as np
+
+from app.viewer.frames import frame
 from app.viewer.scan_points import scan_points
+from app.viewer.scene_frame import SceneFrame
 from app.viewer.stage import Stage, stage
+from app.viewer.view_state import LAYERS, Layers, ViewState
 from pmpnbp.inference import run as engine
 from pmpnbp.readout.snapshot import Criteria, Snapshot, snapshot
 from pmpnbp.recording import prepare
@@ -16,6 +22,8 @@ from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.scene.truth_file import load_truth
 from pmpnbp.settings import changed, preset
 from tests.app.small_sessions import CABINET, QUICK, ROI
+
+Kind = TypeVar("Kind")
 
 
 @dataclass(frozen=True)
@@ -40,3 +48,29 @@ def scene(seed: int = 11, iterations: int = 5) -> Scene:
         for step in engine.steps(problem, iterations)
     )
     return Scene(scan, snapshots, stage(problem, (scan_points(scan),)))
+
+
+def shown(kind: type[Kind], found: SceneFrame, name: str) -> Kind:
+    """The node of that name."""
+    (node,) = [node for node in found.nodes if node.name == name]
+    assert isinstance(node, kind)
+    return node
+
+
+def estimated(made: Snapshot) -> np.ndarray:
+    """(N, 7): where the result has the parts, each at its first link."""
+    links = [made.result["links"][part.links[0]]["pose"] for part in made.problem.mrf.model.parts]
+    return np.array(
+        [[*(pose["position"][a] for a in "xyz"), *(pose["orientation"][a] for a in "wxyz")] for pose in links]
+    )
+
+
+def only(*layers: str, **change: Any) -> ViewState:
+    """A state that shows these layers and no others."""
+    return ViewState(show=Layers(**{layer: layer in layers for layer in LAYERS}), **change)
+
+
+def drawn(state: ViewState, iteration: int = -1) -> SceneFrame:
+    """The frame of an iteration of `scene`."""
+    whole = scene()
+    return frame(whole.snapshots[iteration], state, whole.stage)

@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 
 from app.viewer import camera as camera_module
-from app.viewer.camera import TRIES, Camera
+from app.viewer.camera import ATTEMPTS, SAME, Browser, Camera, Placement
 from app.viewer.view_state import Eye
 
 
 def eye(x: float) -> Eye:
-    return Eye((x, 0.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    return Eye(position=(x, 0.0, 1.0), look_at=(0.0, 0.0, 0.0), up=(0.0, 0.0, 1.0))
 
 
 # Where viser's page looks from before it has heard of anything; where the view begins; where it is told to look from.
@@ -40,7 +40,7 @@ class Watched:
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is put again without a wait."""
-    monkeypatch.setattr(camera_module, "PATIENCE", 0.0)
+    monkeypatch.setattr(camera_module, "RETRY_SECONDS", 0.0)
 
 
 @pytest.fixture
@@ -87,9 +87,9 @@ def test_a_hand_is_followed_and_never_pulled_back(watched: Watched) -> None:
 
 
 def test_one_that_never_comes_there_is_left_alone(watched: Watched) -> None:
-    for _ in range(2 * TRIES):
+    for _ in range(2 * ATTEMPTS):
         watched.report(OWN)
-    assert watched.placed == [HOME] * TRIES
+    assert watched.placed == [HOME] * ATTEMPTS
     assert watched.camera.wait() is None
     watched.camera.look(TOLD)
     assert watched.placed[-1] == TOLD
@@ -106,3 +106,40 @@ def test_one_that_comes_later_looks_from_where_a_hand_has_gone(watched: Watched)
 
 def test_without_anything_to_look_at_nothing_happens() -> None:
     Camera(lambda: None, lambda eye: None).look(TOLD)
+
+
+PLACING, PLACED, MOVED, ABANDONED = Placement
+
+
+@pytest.mark.parametrize(
+    ("before", "reported", "after", "by_hand"),
+    [
+        (PLACING, OWN, PLACING, False),
+        (PLACING, TOLD, PLACED, False),
+        (PLACED, TOLD, MOVED, True),
+        (PLACED, HOME, PLACING, False),  # where it has been without a hand
+        (PLACED, eye(HOME.position[0] + 2 * SAME), MOVED, True),
+        (MOVED, HOME, MOVED, True),
+        (ABANDONED, HOME, ABANDONED, False),
+        (ABANDONED, TOLD, PLACED, False),
+    ],
+)
+def test_every_report_leads_from_one_state_to_another(
+    before: Placement, reported: Eye, after: Placement, by_hand: bool
+) -> None:
+    browser = Browser(lambda eye: None, before, strays=[] if before is MOVED else [HOME])
+    assert browser.report(reported, TOLD) is by_hand
+    assert browser.placement is after
+
+
+@pytest.mark.parametrize("before", Placement)
+def test_another_place_to_look_from_begins_anew(before: Placement) -> None:
+    browser = Browser(lambda eye: None, before, attempts=ATTEMPTS, due=5.0)
+    browser.send(HOME)
+    assert (browser.placement, browser.attempts, browser.due, browser.strays) == (PLACING, 0, 0.0, [HOME])
+
+
+def test_one_that_strays_after_the_last_attempt_is_left_where_it_is() -> None:
+    browser = Browser(lambda eye: None, PLACED, attempts=ATTEMPTS, strays=[HOME])
+    assert not browser.report(HOME, TOLD)
+    assert browser.placement is ABANDONED

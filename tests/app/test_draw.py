@@ -13,15 +13,9 @@ from app.viewer.frames import frame
 from app.viewer.gizmos import LOW
 from app.viewer.view_state import LAYERS, ViewState, merged
 from app.viewer.viser_server import open_server
-from tests.app.scenes import scene
+from tests.app.scenes import only, scene
 
-EVERYTHING = {
-    "show": dict.fromkeys(LAYERS, True),
-    "part": "drawer2",
-    "particle": 3,
-    "edge": ["frame", "drawer2"],
-    "region": [-1, -1, 0, 1, 1, 2],
-}
+EVERYTHING = only(*LAYERS, part="drawer2", particle=3, edge=["frame", "drawer2"], region=[-1, -1, 0, 1, 1, 2])
 
 
 @pytest.fixture
@@ -46,13 +40,13 @@ def nothing(*_: object) -> None:
 
 
 def test_what_is_in_the_frame_is_in_viser(server: Any) -> None:
-    drawing, state = Drawing(server, nothing), merged(ViewState(), EVERYTHING)
+    drawing, state = Drawing(server, nothing), EVERYTHING
     draw(drawing, state)
     whole = scene()
     wanted = {node.name for node in frame(whole.snapshots[-1], state, whole.stage).nodes}
     there = {message.name for message in kept(server).values() if hasattr(message, "props")}
     assert wanted <= there
-    draw(drawing, merged(ViewState(), {"show": dict.fromkeys(LAYERS, False)}))
+    draw(drawing, only())
     server._run_garbage_collector(force=True)
     left = {message.name for message in kept(server).values() if hasattr(message, "props")}
     assert not left & wanted
@@ -78,7 +72,7 @@ def updates(message: Any) -> list[np.ndarray]:
 
 
 def test_the_same_frame_sends_nothing(server: Any) -> None:
-    drawing, state = Drawing(server, nothing), merged(ViewState(), EVERYTHING)
+    drawing, state = Drawing(server, nothing), EVERYTHING
     draw(drawing, state)
     before = set(kept(server))
     draw(drawing, state)
@@ -99,9 +93,9 @@ def test_the_same_frame_sends_nothing(server: Any) -> None:
     ],
 )
 def test_what_is_changed_ends_like_what_is_drawn_anew(change: dict[str, Any]) -> None:
-    state = merged(ViewState(), EVERYTHING)
+    changed_state = merged(EVERYTHING, ViewState.model_validate(change))
     scenes = []
-    for steps in ([state, merged(state, change)], [merged(state, change)]):
+    for steps in ([EVERYTHING, changed_state], [changed_state]):
         server, _ = open_server()
         try:
             drawing = Drawing(server, nothing)
@@ -125,10 +119,10 @@ def properties(handle: Any) -> dict[str, Any]:
 
 
 def test_a_handle_that_is_held_is_not_pulled_away(server: Any) -> None:
-    drawing, state = Drawing(server, nothing), merged(ViewState(), EVERYTHING)
+    drawing, state = Drawing(server, nothing), EVERYTHING
     draw(drawing, state)
     drawing._held.add(LOW)
-    further = merged(state, {"region": [-3, -1, 0, 1, 1, 2]})
+    further = merged(state, ViewState(region=(-3, -1, 0, 1, 1, 2)))
     draw(drawing, further)
     handle = drawing._nodes[LOW][1]
     assert handle.position[0] == -1  # viser's copy of where the hand has it

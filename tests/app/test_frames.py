@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,43 +12,16 @@ from scipy.stats import special_ortho_group
 from app.palette import PART_COLOURS, rgb
 from app.viewer.ellipsoids import ellipsoids, radius_scale
 from app.viewer.frames import BEST, frame
-from app.viewer.gizmos import HIGH, LOW, PRIOR, default_prior, default_region, dragged_prior, dragged_region
-from app.viewer.picking import AIM, picked
+from app.viewer.gizmos import default_prior
 from app.viewer.scan_points import fits
-from app.viewer.scene_frame import Axes, Ellipsoids, Frustum, Handle, Lines, Points, SceneFrame, Surface
-from app.viewer.view_state import LAYERS, ViewState, merged
+from app.viewer.scene_frame import Axes, Ellipsoids, Frustum, Lines, Points, SceneFrame, Surface
+from app.viewer.view_state import LAYERS, ViewState
 from pmpnbp.geometry import poses
 from pmpnbp.potentials.pixel_kinds import PixelKind
-from pmpnbp.readout.snapshot import Snapshot
 from pmpnbp.scene.observation import SUPPORT
-from tests.app.scenes import scene
+from tests.app.scenes import drawn, estimated, only, scene, shown
 
 NAMES = ("frame", "drawer1", "drawer2", "drawer3")
-Kind = TypeVar("Kind")
-
-
-def shown(kind: type[Kind], found: SceneFrame, name: str) -> Kind:
-    (node,) = [node for node in found.nodes if node.name == name]
-    assert isinstance(node, kind)
-    return node
-
-
-def estimated(made: Snapshot) -> np.ndarray:
-    """(N, 7): where the result has the parts, each at its first link."""
-    links = [made.result["links"][part.links[0]]["pose"] for part in made.problem.mrf.model.parts]
-    return np.array(
-        [[*(pose["position"][a] for a in "xyz"), *(pose["orientation"][a] for a in "wxyz")] for pose in links]
-    )
-
-
-def only(*layers: str, **change: Any) -> ViewState:
-    """A state that shows these layers and no others."""
-    return merged(ViewState(), {"show": {layer: layer in layers for layer in LAYERS}} | change)
-
-
-def drawn(state: ViewState, iteration: int = -1) -> SceneFrame:
-    whole = scene()
-    return frame(whole.snapshots[iteration], state, whole.stage)
 
 
 def tops(found: SceneFrame) -> set[str]:
@@ -331,28 +304,6 @@ def test_support_planes_are_drawn_where_they_are() -> None:
         assert np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[1])) > 0.5
 
 
-def test_region_and_prior_can_be_dragged() -> None:
-    region = (-1.0, -1.0, 0.0, 1.0, 1.0, 2.0)
-    found = drawn(only("region", region=region))
-    np.testing.assert_array_equal(shown(Handle, found, LOW).pose[:3], region[:3])
-    np.testing.assert_array_equal(shown(Handle, found, HIGH).pose[:3], region[3:])
-    assert len(shown(Lines, found, "/region/box").segments) == 12
-    assert dragged_region(region, LOW, np.array([-2, 0, 1])) == (-2, 0, 1, 1, 1, 2)
-    assert dragged_region(region, HIGH, np.array([3, 0, 1])) == (-1, -1, 0, 3, 0, 1)
-    for corner in (LOW, HIGH):  # past the other corner
-        box = dragged_region(region, corner, np.array([9.0, -9.0, 9.0] if corner == LOW else [-9.0, 9.0, -9.0]))
-        assert all(low < high for low, high in zip(box[:3], box[3:], strict=True))
-
-    made = scene().snapshots[-1]
-    assert default_region(made.problem.observation) == pytest.approx(made.problem.observation.roi, abs=1e-4)
-    prior = default_prior(scene().stage.model, made.result["links"])
-    handle = shown(Handle, drawn(only("prior", prior=prior)), PRIOR)
-    np.testing.assert_allclose(handle.pose, estimated(made)[0], atol=1e-6)
-    moved = poses.from_xyz_rpy([1.0, 2.0, 3.0], [0.0, 0.0, 0.5])
-    handle = shown(Handle, drawn(only("prior", prior=dragged_prior(prior, moved))), PRIOR)
-    np.testing.assert_allclose(handle.pose, moved, atol=1e-5)
-
-
 def test_the_view_begins_behind_and_above_the_camera() -> None:
     whole = scene()
     eye, camera = whole.stage.eye, whole.scan.camera.pose_world_camera
@@ -362,28 +313,3 @@ def test_the_view_begins_behind_and_above_the_camera() -> None:
     ahead = poses.rotate(camera[3:], np.array([0.0, 0.0, 1.0]))
     sight = target - np.array(eye.position)
     assert ahead @ sight / np.linalg.norm(sight) > 0.85
-
-
-def test_a_click_picks_the_particle_it_is_aimed_at() -> None:
-    found = drawn(only("particles", "estimate"))
-    targets, eye = found.targets, np.array(scene().stage.eye.position)
-    aim = targets.particles[2, 5] - eye
-    part, particle = picked(targets, eye, 3 * aim) or (None, None)
-    assert part is not None and particle is not None
-    chosen = targets.particles[part, particle] - eye
-    cosine = chosen @ aim / np.linalg.norm(chosen) / np.linalg.norm(aim)
-    assert np.arccos(min(cosine, 1.0)) < 1e-6
-    assert picked(targets, eye, -aim) is None  # behind the eye
-    hidden = replace(targets, particles_shown=False, estimate_shown=False)
-    assert picked(hidden, eye, aim) is None
-
-
-def test_a_click_beside_all_particles_picks_the_part_in_front() -> None:
-    whole, found = scene(), drawn(only("particles", "estimate"))
-    # the cabinet's top, from above: the drawers lie below it
-    eye = estimated(whole.snapshots[-1])[0][:3] + [0.05, 0.1, 5.0]
-    assert picked(found.targets, eye, np.array([0.0, 0.0, -1.0])) == (0, None)
-    assert picked(drawn(only("particles")).targets, eye, np.array([0.0, 0.0, -1.0])) is None
-    aside = np.array([np.sin(0.5), 0.0, -np.cos(0.5)])
-    assert picked(found.targets, eye, aside) is None
-    assert 0.003 < AIM < 0.02

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from types import SimpleNamespace
+from collections.abc import Callable
 from typing import Any
 
 import httpx
-import numpy as np
 import pytest
-import viser
-import websockets.asyncio.client
-from websockets.exceptions import ConnectionClosed
 
 from app.viewer import painter as painter_module
-from app.viewer.gizmos import LOW, PRIOR
 from tests.app import small_sessions as small
-
-PROTOCOL = f"viser-v{viser.__version__}"
+from tests.app.open_views import drawn, looking, painter, state, until
 
 
 @pytest.fixture(scope="module")
@@ -34,61 +25,6 @@ def served(serve_for_module: Callable[..., Any]) -> Any:
 def path(served: Any) -> str:
     """A session after a few iterations, which no test takes further."""
     return small.after(served.client, 5)
-
-
-def until(asked: Callable[[], Any]) -> Any:
-    """What `asked` gives as soon as that is something."""
-    while not (found := asked()):
-        time.sleep(small.PATIENCE)
-    return found
-
-
-def state(served: Any, view: str, **change: Any) -> dict[str, Any]:
-    """The view's state, after a change where one is given."""
-    answer = served.client.patch(view, json=change) if change else served.client.get(view)
-    assert answer.status_code == 200, answer.text
-    found: dict[str, Any] = answer.json()
-    return found
-
-
-def drawn(served: Any, view: str, iteration: int) -> dict[str, Any]:
-    """What is drawn, once it is that iteration."""
-    return until(lambda: (found := state(served, view)["drawn"]) and found["iteration"] == iteration and found)
-
-
-@contextmanager
-def looking(served: Any, view: str, reads: bool = True) -> Iterator[None]:
-    """A browser's websocket on a view, which reads what it is sent, or nothing."""
-    session_id, view_id = view.split("/")[4], view.split("/")[6]
-    address = served.url.replace("http", "ws") + f"/sessions/{session_id}/view/{view_id}/"
-    ended = threading.Event()
-
-    async def look() -> None:
-        options = {
-            "subprotocols": [PROTOCOL],
-            "max_size": None,
-            "proxy": None,
-            "compression": None,
-            "max_queue": 1,
-            "close_timeout": 1,
-        }
-        async with websockets.asyncio.client.connect(address, origin=served.url, **options) as socket:  # type: ignore[arg-type]
-            while not ended.is_set():
-                try:
-                    await asyncio.wait_for(socket.recv() if reads else asyncio.sleep(1), 0.05)
-                except TimeoutError:
-                    continue
-                except ConnectionClosed:  # its session was deleted
-                    return
-
-    thread = threading.Thread(target=lambda: asyncio.run(look()))
-    thread.start()
-    until(lambda: state(served, view)["clients"])
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
 
 
 def test_a_new_view_has_what_the_session_has(served: Any, path: str) -> None:
@@ -171,23 +107,6 @@ def test_nothing_is_drawn_while_nobody_looks(served: Any) -> None:
     assert state(served, view)["drawn"]["iteration"] == 4
 
 
-def test_in_economy_a_running_session_is_drawn_less_often_and_a_step_at_once(
-    served: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(painter_module, "ECONOMY_RATE", 1e-3)
-    path = small.create(served.client)
-    view = f"{path}/views/economy"
-    state(served, view, economy=True)
-    with looking(served, view):
-        for iteration in (1, 2):
-            small.step(served.client, path)
-            first = drawn(served, view, iteration)["serial"]
-        served.client.post(f"{path}/run", json={"iterations": 40})
-        served.client.get(f"{path}/estimate", params={"wait": "idle", "timeout": 600})
-        # not while it ran, but for what was being drawn when it began; and when it had come to rest
-        assert drawn(served, view, 42)["serial"] <= first + 2
-
-
 def test_a_view_stays_at_its_iteration_and_others_at_theirs(served: Any) -> None:
     path = small.after(served.client, 4)
     old, live = f"{path}/views/old", f"{path}/views/live"
@@ -206,32 +125,6 @@ def test_a_view_stays_at_its_iteration_and_others_at_theirs(served: Any) -> None
         state(served, live, iteration=5)
         served.client.post(f"{path}/reset")
         drawn(served, live, 0)
-
-
-def test_a_failure_is_told_and_ends_nothing(
-    served: Any, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    path = small.create(served.client)
-    view = f"{path}/views/failing"
-    real = painter_module.frame
-
-    def failing(made: Any, *arguments: Any, **options: Any) -> Any:
-        if made.iteration == 2:
-            raise RuntimeError("no ink")
-        return real(made, *arguments, **options)
-
-    monkeypatch.setattr(painter_module, "frame", failing)
-    with looking(served, view):
-        small.step(served.client, path)
-        drawn(served, view, 1)
-        assert small.step(served.client, path)["state"] == "paused"
-        error = until(lambda: state(served, view)["error"])
-        assert error == "the scene could not be drawn: RuntimeError: no ink"
-        assert state(served, view)["drawn"]["iteration"] == 1
-        small.step(served.client, path)
-        drawn(served, view, 3)
-        assert until(lambda: state(served, view)["error"] is None)
-    assert "cannot be drawn" in caplog.text
 
 
 def test_a_client_that_reads_nothing_delays_nobody(served: Any) -> None:
@@ -273,74 +166,6 @@ def gather(stream: Any, events: list[tuple[str, Any]], least: int) -> None:
             events.append((kind, json.loads(value)))
             if len(events) >= least and any(kind == "drawn" for kind, _ in events):
                 return
-
-
-def test_the_scene_is_a_page_that_needs_nothing(served: Any, path: str) -> None:
-    view = f"{path}/views/exported"
-    state(served, view, iteration=3)
-    answer = served.client.get(f"{view}/scene.html")
-    assert answer.status_code == 200 and answer.headers["content-type"].startswith("text/html")
-    assert 'filename="' in answer.headers["content-disposition"] and "-3.html" in answer.headers["content-disposition"]
-    assert answer.text.count("</html>") == 1 and len(answer.text) > 900_000  # viser's page, and the scene in it
-    assert state(served, view)["drawn"]["iteration"] == 3
-
-
-def test_another_session_lies_over_it(served: Any, path: str) -> None:
-    other = small.create(served.client, seed=12)
-    view, id = f"{path}/views/both", other.rsplit("/", 1)[1]
-    with looking(served, view):
-        serial = drawn(served, view, 5)["serial"]
-        state(served, view, compare={"session_id": id, "iteration": None})
-        until(lambda: state(served, view)["drawn"]["serial"] > serial)
-        assert "/compare/0" in nodes(served, view)
-        state(served, view, compare={"session_id": path.rsplit("/", 1)[1], "iteration": 2})
-        until(lambda: state(served, view)["drawn"]["serial"] > serial + 1)
-        state(served, view, compare=None)
-        until(lambda: "/compare/0" not in nodes(served, view))
-
-
-def nodes(served: Any, view: str) -> dict[str, Any]:
-    return dict(painter(served, view)._drawing._nodes)
-
-
-def painter(served: Any, view: str) -> Any:
-    views = served.app.state.views
-    return views.painter(views._views[view.split("/")[4], view.split("/")[6]])
-
-
-def test_a_click_in_the_scene_selects(served: Any, path: str) -> None:
-    """As viser calls us: with the ray of the click."""
-    view = f"{path}/views/clicked"
-    with looking(served, view):
-        drawn(served, view, 5)
-        eye = np.array([3.0, 2.0, 2.0])
-        belief = served.client.get(f"{path}/beliefs/drawer2").json()["particles"]
-        aim = np.array(belief[13][:3]) - eye
-        painter(served, view)._clicked(SimpleNamespace(ray_origin=tuple(eye), ray_direction=tuple(aim)))
-        found = state(served, view)
-        chosen = np.array(
-            served.client.get(f"{path}/beliefs/{found['part']}").json()["particles"][found["particle"]][:3]
-        )
-        np.testing.assert_allclose(np.cross(chosen - eye, aim) / np.linalg.norm(aim) ** 2, 0, atol=1e-6)
-        painter(served, view)._clicked(SimpleNamespace(ray_origin=tuple(eye), ray_direction=tuple(-aim)))
-        assert state(served, view)["particle"] == found["particle"]  # nothing is there: what was selected stays
-
-
-def test_handles_that_are_dragged_change_the_state(served: Any, path: str) -> None:
-    view = f"{path}/views/dragged"
-    with looking(served, view):
-        first = state(served, view, show={"region": True, "prior": True})
-        assert first["prior"]["link"] == "frame"
-        until(lambda: (found := state(served, view)["drawn"]) and found["serial"] and PRIOR in nodes(served, view))
-        pose = np.array([-0.5, -0.4, -0.3, 1, 0, 0, 0])
-        painter(served, view)._dragged(LOW, pose, True)
-        assert state(served, view)["region"] == [-0.5, -0.4, -0.3, *small.ROI[3:]]
-        painter(served, view)._dragged(PRIOR, pose, True)
-        moved = state(served, view)["prior"]
-        assert moved["pose"]["position"] == {"x": -0.5, "y": -0.4, "z": -0.3}
-        assert moved["pose"]["orientation"] == {"x": 0, "y": 0, "z": 0, "w": 1}
-        # and it is a prior that a session takes
-        small.create(served.client, prior=moved)
 
 
 def test_a_deleted_session_ends_its_views(served: Any) -> None:

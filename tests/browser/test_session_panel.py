@@ -99,7 +99,7 @@ def test_a_session_begins_anew_with_another_region(page: Page, served: Served, s
     panel = tab(page, "Layers")
     panel.get_by_role("switch", name="region of interest").check()
     corner = panel.get_by_label("largest z of the region, centimetres")
-    expect(corner).to_have_value(f"{small.REGION[5] * 100:.1f}")
+    expect(corner).to_have_value(f"{small.ROI[5] * 100:.1f}")
     corner.fill("70")
     corner.press("Tab")
     wait(page, lambda: (view(page, served)["region"] or [0])[-1] == 0.7)
@@ -108,7 +108,7 @@ def test_a_session_begins_anew_with_another_region(page: Page, served: Served, s
     page.wait_for_url(lambda url: url.split("?")[0] != before.split("?")[0])
     page.locator("body[data-ready]").wait_for()
     made = served.client.get("/api/v1/sessions/" + page.url.split("/")[4]).json()
-    assert made["roi"] == [*small.REGION[:5], 0.7]
+    assert made["roi"] == [*small.ROI[:5], 0.7]
 
 
 def test_settings_count_from_the_next_iteration(page: Page, served: Served, session: str, troubles: Troubles) -> None:

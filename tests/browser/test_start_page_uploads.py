@@ -37,7 +37,7 @@ def test_files_are_chosen_and_become_a_session(page: Page, served: Served) -> No
     page.get_by_label("any orientation").check()
     page.get_by_role("button", name="Bounds of the scans").click()
     expect(page.get_by_label("x from, metres")).to_have_value(f"{scan['bounds'][0]:.3f}")
-    for label, number in zip(("x from", "y from", "z from", "x to", "y to", "z to"), small.REGION, strict=True):
+    for label, number in zip(("x from", "y from", "z from", "x to", "y to", "z to"), small.ROI, strict=True):
         page.get_by_label(f"{label}, metres").fill(str(number))
     page.get_by_text("Inference:").click()
     page.get_by_label("Method").select_option("particle filter")
@@ -52,7 +52,7 @@ def test_files_are_chosen_and_become_a_session(page: Page, served: Served) -> No
     assert (found["name"], found["model_id"], found["scan_ids"]) == ("made by hand", model["id"], [scan["id"]])
     assert (found["particles"], found["iterations"], found["seed"]) == (30, 12, 5)
     assert found["method"] == "particle_filter" and found["config"] == {"preset": "paper"}
-    assert found["roi"] == small.REGION and found["prior"] == {"kind": "uniform", "orientation": "any"}
+    assert found["roi"] == small.ROI and found["prior"] == {"kind": "uniform", "orientation": "any"}
     page.goto(served.url)
     expect(card(page, "made by hand").locator(".method")).to_have_text("particle filter")
 
@@ -80,7 +80,7 @@ def test_files_are_dropped_wherever_it_is_on_the_page(page: Page, served: Served
     expect(page.get_by_role("list", name="Uploads").get_by_text("7 links, 6 joints, 4 parts")).to_be_visible()
     expect(page.get_by_label("about where I say")).to_be_checked()
     assert json.loads(page.get_by_label("prior.json", exact=True).input_value()) == prior
-    expect(page.get_by_label("z to, metres")).to_have_value(str(small.REGION[5]))
+    expect(page.get_by_label("z to, metres")).to_have_value(str(small.ROI[5]))
     # a scan is missing, and the page says so before the server has to
     page.get_by_role("button", name="Create session").click()
     expect(page.locator("#create-trouble")).to_have_text(re.compile("A scan is missing"))
@@ -171,7 +171,7 @@ def test_a_sample_is_one_click_away(page: Page, served: Served) -> None:
     page.get_by_role("button", name="Open a sample session").click()
     id = arrived(page)
     first = served.client.get(f"/api/v1/sessions/{id}").json()
-    assert first["name"] == "Sample: a cabinet with an open drawer" and first["roi"] == small.REGION
+    assert first["name"] == "Sample: a cabinet with an open drawer" and first["roi"] == small.ROI
     served.client.post(f"/api/v1/sessions/{id}/pause")
     assert small.at_rest(served.client, f"/api/v1/sessions/{id}")["iteration"] > 0  # it was set going
     page.goto(served.url)

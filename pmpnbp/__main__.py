@@ -1,4 +1,4 @@
-"""`python -m pmpnbp`: the installed command of that name. It is looked up, not imported: the library knows no command."""
+"""`python -m pmpnbp`: the installed command, looked up and not imported, because the library knows no command line."""
 
 from __future__ import annotations
 

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-import sqlite3
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 
 class PmpnbpError(Exception):
     """Base of every error that bad input can cause; its text is fit to be shown to a user as it stands."""
@@ -42,15 +37,3 @@ class DamageError(RecordingError):
 
 class DiskFullError(RecordingError):
     """There is no room left for a recording."""
-
-
-@contextmanager
-def full_disk_told() -> Iterator[None]:
-    """Turns the "no space left" of SQLite, of a writer and of the system into DiskFullError."""
-    try:
-        yield
-    except (sqlite3.Error, RecordingError, OSError) as error:
-        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
-        if full or "disk is full" in str(error):
-            raise DiskFullError("the disk of the data directory is full; nothing was changed") from error
-        raise

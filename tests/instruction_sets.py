@@ -35,6 +35,7 @@ WITHOUT_NUMBERS = (
             "openapi",
             "palette",
             "parsers",
+            "restarts",
             "security",
             "serve",
             "sessions",

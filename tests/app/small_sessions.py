@@ -89,3 +89,17 @@ def numbers(client: httpx.Client, path: str, iteration: int | None = None) -> di
     answer = client.get(f"{path}/estimate{query}")
     assert answer.status_code == 200, answer.text
     return {name: value for name, value in answer.json().items() if name not in ("seconds", "session_id", "state")}
+
+
+def problem(answer: httpx.Response, status: int, text: str) -> None:
+    assert (answer.status_code, answer.headers["content-type"]) == (status, "application/problem+json"), answer.text
+    assert text in answer.json()["detail"]
+
+
+def ids_of(client: httpx.Client, path: str) -> tuple[str, str]:
+    found = client.get(path).json()
+    return found["model_id"], found["scan_ids"][0]
+
+
+def history(client: httpx.Client, path: str, count: int) -> list[dict[str, Any]]:
+    return [numbers(client, path, iteration) for iteration in range(count + 1)]

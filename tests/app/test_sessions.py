@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import sqlite3
 import threading
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
 from app.sessions.run_queue import RunQueue
-from app.sessions.sessions import Sessions
 from pmpnbp.inference import run as engine
 from tests.app import small_sessions as small
+from tests.app.small_sessions import history, ids_of, problem
 
 
 @pytest.fixture(scope="module")
@@ -44,11 +42,6 @@ def path(client: httpx.Client, model_id: str, scan_id: str) -> Iterator[str]:
     made = small.create(client, model_id=model_id, scan_id=scan_id)
     yield made
     client.delete(made)
-
-
-def problem(answer: httpx.Response, status: int, text: str) -> None:
-    assert (answer.status_code, answer.headers["content-type"]) == (status, "application/problem+json"), answer.text
-    assert text in answer.json()["detail"]
 
 
 def test_a_session_begins_paused_at_the_start(client: httpx.Client, path: str, model_id: str, scan_id: str) -> None:
@@ -258,98 +251,6 @@ def test_a_full_data_directory_stops_sessions_with_a_sentence(serve: Callable[..
     assert (found["state"], found["iteration"], found["config"]) == ("failed", 10, small.QUICK)
     served.app.state.store._room._max_bytes = 1 << 30
     assert small.step(client, path, 2)["iteration"] == 12
-
-
-def ids_of(client: httpx.Client, path: str) -> tuple[str, str]:
-    found = client.get(path).json()
-    return found["model_id"], found["scan_ids"][0]
-
-
-def restart(served: Any) -> None:
-    """As the server's stop and start do it, with sessions that know only what is on the disk."""
-    served.app.state.sessions.close()
-    served.app.state.sessions = Sessions(served.app.state.store, served.config)
-    served.app.state.sessions.restore()
-
-
-def history(client: httpx.Client, path: str, count: int) -> list[dict[str, Any]]:
-    return [small.numbers(client, path, iteration) for iteration in range(count + 1)]
-
-
-def test_a_restart_changes_no_number(serve: Callable[..., Any]) -> None:
-    """Interrupted by restarts, changed and given a further view on the way, a session comes to what one comes to that
-    was never interrupted; what it had is told in the same words."""
-
-    def first(client: httpx.Client, path: str) -> None:
-        small.step(client, path, 3)
-        client.patch(path, json={"config": {"joint_draws": 3, "converged_iterations": 2}}).raise_for_status()
-
-    def second(client: httpx.Client, path: str) -> None:
-        small.step(client, path, 2)
-        client.post(f"{path}/scans", json={"scan_id": further}).raise_for_status()
-
-    def third(client: httpx.Client, path: str) -> None:
-        small.step(client, path, 4)
-
-    served = serve()
-    client = served.client
-    further = small.upload_scan(client, "second_view")
-    ids = {"model_id": small.upload_model(client), "scan_id": small.upload_scan(client)}
-    whole, pieces = small.create(client, **ids), small.create(client, **ids)
-    for stretch in (first, second, third):
-        stretch(client, whole)
-    first(client, pieces)
-    for stretch in (second, third):
-        restart(served)
-        before = client.get(pieces).json()
-        assert before["state"] == "paused"
-        assert before["config"] == small.QUICK | {"joint_draws": 3, "converged_iterations": 2}
-        stretch(client, pieces)
-    assert history(client, whole, 9) == history(client, pieces, 9)
-    told = client.get(whole).json()
-    assert len(told["scan_ids"]) == 2
-    assert {name: told[name] for name in ("scan_ids", "config", "iteration", "converged")} == {
-        name: client.get(pieces).json()[name] for name in ("scan_ids", "config", "iteration", "converged")
-    }
-    rows = [client.get(f"{path}/trace").json()["iterations"] for path in (whole, pieces)]
-    assert [row["converged"] for row in rows[0]] == [row["converged"] for row in rows[1]]
-
-
-def test_after_a_restart_every_session_is_there(serve: Callable[..., Any], tmp_path: Path) -> None:
-    """Paused where it was, or failed where it is damaged, which neither stops the start nor the others."""
-    served = serve()
-    client = served.client
-    ids = {"model_id": small.upload_model(client), "scan_id": small.upload_scan(client)}
-    running, damaged, lost, cut = (small.create(client, **ids) for _ in range(4))
-    small.step(client, cut, 6)
-    client.post(f"{running}/run", json={"iterations": 100_000})
-    while client.get(running).json()["iteration"] < 5:
-        time.sleep(small.PATIENCE)
-    served.app.state.sessions.close()
-    estimate = served.app.state.sessions.get(running.rpartition("/")[2]).archive.read().result_text
-    folders = {path: served.config.data_dir / "sessions" / path.rpartition("/")[2] for path in (damaged, lost, cut)}
-    (folders[damaged] / "recording.sqlite").write_bytes(b"SQLite format 3\0 and then nothing of the kind" * 100)
-    (folders[lost] / "recording.sqlite").unlink()
-    connection = sqlite3.connect(folders[cut] / "recording.sqlite")
-    connection.execute("UPDATE arrays SET data = x'00' WHERE iteration >= 5")
-    connection.commit()
-    connection.close()
-
-    restart(served)
-    found = {path: client.get(path).json() for path in (running, damaged, lost, cut)}
-    assert [found[path]["state"] for path in found] == ["paused", "failed", "failed", "paused"]
-    assert (found[cut]["iteration"], found[damaged]["iteration"]) == (4, None)
-    assert "cannot be read" in found[damaged]["error"] or "damaged" in found[damaged]["error"]
-    assert found[lost]["error"] == "recording 'recording.sqlite' is not there"
-    assert served.app.state.sessions.get(running.rpartition("/")[2]).archive.read().result_text == estimate
-    problem(client.post(f"{damaged}/run"), 409, "is failed:")
-    problem(client.get(f"{damaged}/estimate"), 409, "is failed:")
-    problem(client.get(f"{damaged}/trace"), 409, "is failed:")
-    for path in (damaged, lost):
-        assert client.post(f"{path}/reset").json()["state"] == "paused"
-        small.step(client, path, 6)
-    small.step(client, cut, 2)
-    assert small.numbers(client, damaged) == small.numbers(client, lost) == small.numbers(client, cut)
 
 
 def test_reset_begins_with_what_is_in_force(client: httpx.Client, path: str, model_id: str, scan_id: str) -> None:

@@ -9,22 +9,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from typing import Protocol
 
 from pmpnbp.errors import RecordingError
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.snapshot import Row
 from pmpnbp.recording.reader import Recording
-
-
-class Rows(Protocol):
-    """The trace of one recording."""
-
-    def row(self, recording: Recording, iteration: int) -> Row:
-        """The row of an iteration. Raises RecordingError where there is none."""
-
-    def texts(self, recording: Recording, after: int, last: int) -> list[str]:
-        """The rows, JSON, of the iterations beyond `after` and up to `last`, ascending."""
 
 
 class OwnRows:
@@ -81,6 +70,9 @@ class ForeignRows:
                 with suppress(RecordingError):  # damaged in the midst of whole ones
                     found.append(json_bytes(self.row(recording, number)).decode())
         return found
+
+
+Rows = OwnRows | ForeignRows
 
 
 def event_of(iteration: int) -> int:

@@ -45,8 +45,13 @@ def walked(
     count = 50
     roots = np.concatenate([rng.uniform(-1, 1, (count, 3)), poses.random_quaternions(rng, (count,))], axis=-1)
     joints = initialisation.random_joints(rng, made, count)
-    origin = np.full(count, SURFACE, dtype=np.uint8), np.full(count, -1, dtype=np.int32)
-    return made, hypotheses.walk(rng, made, (roots, joints, *origin), schedule(made.settings, 1)), joints
+    proposals = hypotheses.Proposals(
+        roots=roots,
+        joints=joints,
+        source=np.full(count, SURFACE, dtype=np.uint8),
+        ancestor=np.full(count, -1, dtype=np.int32),
+    )
+    return made, hypotheses.walk(rng, made, proposals, schedule(made.settings, 1)), joints
 
 
 MODELS = {

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
+from pmpnbp.potentials.kernels.chain_kinematics import Chain
 from pmpnbp.potentials.kernels.chain_projection import nearest_on_chain
 from pmpnbp.scene.articulated_object import Edge
 
@@ -106,6 +107,9 @@ def _end_of_chain(edge: Edge, axis_positions: Array) -> Array:
 
 
 def _single(edge: Edge, pose_parent_child: Array) -> Array:
+    """Of an edge with one axis. The turn is the twist of the swing-twist decomposition: of the rotation q, split into a
+    turn about the axis and one about an axis across it, the first is by 2 atan2(vector part · axis, scalar part); it
+    leaves the least rotation of all turns about the axis (Dobrowolski 2015, arXiv:1506.05481)."""
     moved = poses.multiply(
         poses.multiply(poses.inverse(edge.poses_before[0]), pose_parent_child), poses.inverse(edge.pose_after)
     )
@@ -125,12 +129,24 @@ def _chain(edge: Edge, pose_parent_child: Array, length: float) -> Array:
     free = gearing(edge)
     turning = int((free.matrix[edge.revolute] != 0).any(axis=0).sum())
     target = poses.multiply(pose_parent_child, poses.inverse(edge.pose_after))
-    parts = (edge.poses_before, edge.axes, free.matrix, free.offset, free.lower, free.upper)
-    before, axes, matrix, offset, lower, upper = (np.require(part, np.float64, ["C", "W"]) for part in parts)
-    starts = _spread(1 + _STARTS_PER_TURN * turning, free)
-    revolute, wraps = (np.require(part, np.bool_, ["C", "W"]) for part in (edge.revolute, free.wraps))
-    q = nearest_on_chain(before, revolute, axes, matrix, offset, lower, upper, wraps, starts, target, length)
+    chain = Chain(
+        before=_writeable(edge.poses_before),
+        revolute=np.require(edge.revolute, np.bool_, ["C", "W"]),
+        axes=_writeable(edge.axes),
+        matrix=_writeable(free.matrix),
+        offset=_writeable(free.offset),
+        lower=_writeable(free.lower),
+        upper=_writeable(free.upper),
+        wraps=np.require(free.wraps, np.bool_, ["C", "W"]),
+        length=length,
+    )
+    q = nearest_on_chain(chain, _spread(1 + _STARTS_PER_TURN * turning, free), target)
     return q @ free.matrix.T + free.offset
+
+
+def _writeable(array: Array) -> Array:
+    # a kernel would be compiled once more for read-only arrays
+    return np.require(array, np.float64, ["C", "W"])
 
 
 def _spread(count: int, free: Gearing) -> Array:

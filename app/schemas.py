@@ -205,8 +205,12 @@ class LinkEstimate(BaseModel):
     covariance: Covariance
     std_xyz: list[float] = Field(description="standard deviations along world's axes, metres", min_length=3)
     certain: Certain
-    visible_fraction: float = Field(description="share of its surface towards the camera that was seen, 0 to 1")
-    log_likelihood: float | None = Field(description="natural logarithm of the unary potential at the estimate")
+    visible_fraction: float | None = Field(
+        description="share of its surface towards the camera that was seen, 0 to 1; null where no surface moves with it"
+    )
+    log_likelihood: float | None = Field(
+        description="natural logarithm of the unary potential at the estimate; null as visible_fraction"
+    )
     modes: list[Mode] = Field(description="hypotheses, heaviest first")
 
 

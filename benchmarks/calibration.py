@@ -23,7 +23,7 @@ from benchmarks.trials import Case, timed, warm_kernels
 from pmpnbp.geometry.poses import Array
 from pmpnbp.readout.estimate import agreeing, place
 from pmpnbp.readout.object_posterior import link_covariances
-from pmpnbp.readout.posterior import std_xyz
+from pmpnbp.readout.particle_statistics import std_xyz
 from pmpnbp.scene.prior import GaussianPrior
 from pmpnbp.settings import Settings
 

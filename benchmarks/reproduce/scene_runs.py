@@ -16,7 +16,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.readout.estimate import Placement, agreeing, place
 from pmpnbp.readout.object_posterior import link_covariances
-from pmpnbp.readout.posterior import std_xyz
+from pmpnbp.readout.particle_statistics import std_xyz
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior

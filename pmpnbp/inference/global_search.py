@@ -31,8 +31,22 @@ from pmpnbp.potentials.unary import explained_share
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.settings import Schedule
 
-# Places near each quarter turn of a finalist that are tried.
-FLIP_PLACES = 50
+# Of the proposals the share that descends from islands: this much, and this much more over the search, up to so much.
+OFFSPRING, MORE_OFFSPRING, MOST_OFFSPRING = 0.3, 0.6, 0.9
+# Standard deviations of an offspring's move, in those of the diffusion: drawn evenly in the logarithm.
+SHORTEST_MOVE, LONGEST_MOVE = 0.1, 1.5
+# Without a prior, the share of offspring that is given quarter turns; of these, the share turned about the middle of
+# any part (that of the largest keeps its outline, that of a small one finds others) and not the root's.
+TURNED, TURNED_ABOUT_ANY = 0.3, 0.5
+# Hypotheses that are compared to tell distinct ones, and distinct ones that are rendered whole, for each island kept:
+# the sum over parts counts a pixel once for every part that claims it, so it may rank the best one low.
+COMPARED, RENDERED = 20, 3
+# Hypotheses nearer than this many diffusion lengths are one.
+DISTINCT = 1.5
+# Places near each quarter turn of a finalist that are tried; how far they are turned, in the diffusion's deviations.
+FLIP_PLACES, FLIP_ROTATION = 50, 0.5
+# Effective share of the islands' weights where the settings leave weights untempered.
+EFFECTIVE_SHARE = 0.15
 # The last comparison is made at this many times the tolerance that annealing ends at.
 FINAL_TOLERANCE = 2.0
 # Joints of the winner that may be put elsewhere after that.
@@ -90,9 +104,9 @@ def _searched(rng: np.random.Generator, state: State, problem: Problem) -> tuple
     proposals, kept = _proposals(rng, state, problem, plan, number)
     tried = walk(rng, problem, proposals, plan, kept)
     total = problem.plus_prior(tried.unary.sum(axis=1), tried.part_poses[:, problem.prior_node])
-    # more are rendered whole than are kept: the sum over parts counts a pixel once for every part that claims it
-    order = np.argsort(-total, kind="stable")[: 20 * settings.search_islands]
-    leaders, member_of = distinct(problem, tried, order, 3 * settings.search_islands, 1.5 * plan.diffusion_position)
+    order = np.argsort(-total, kind="stable")[: COMPARED * settings.search_islands]
+    apart = DISTINCT * plan.diffusion_position
+    leaders, member_of = distinct(problem, tried, order, RENDERED * settings.search_islands, apart)
     whole = configuration_scores(problem, tried.roots[leaders], tried.joints[leaders], plan.tolerance)
     ranked = np.argsort(-whole, kind="stable")[: settings.search_islands]
     if number == problem.search_iterations:
@@ -137,7 +151,7 @@ def _settled(
         near = poses.perturb(
             np.repeat(turned, FLIP_PLACES, axis=0),
             plan.diffusion_position * noise[:, :3],
-            0.5 * plan.diffusion_rotation * noise[:, 3:],
+            FLIP_ROTATION * plan.diffusion_rotation * noise[:, 3:],
             problem.mrf.centres[0],
         )
         parent = np.repeat(np.tile(np.arange(len(centre)), len(turns)), FLIP_PLACES)
@@ -186,54 +200,51 @@ def _proposals(
     """Roots, joints, source and ancestor: new ones, and offspring of the islands (most of them later on); and which of
     them are the islands themselves."""
     count = problem.search_proposals
+    informed = not isinstance(problem.prior, UniformPrior)
     parents = None if number == 1 else np.unique(state.belief.origin.island[0], return_index=True)[1]
-    offspring = 0 if parents is None else round(count * min(0.9, 0.3 + 0.6 * number / problem.search_iterations))
+    share = min(MOST_OFFSPRING, OFFSPRING + MORE_OFFSPRING * number / problem.search_iterations)
+    offspring = 0 if parents is None else round(count * share)
     fresh = count - offspring
     joints = random_joints(rng, problem, fresh)
-    if isinstance(problem.prior, UniformPrior):
-        roots, origin = matched_roots(rng, problem, joints), SURFACE
-    else:
-        roots, origin = prior_roots(rng, problem, joints), START
     new = Proposals(
-        roots=roots,
+        roots=prior_roots(rng, problem, joints) if informed else matched_roots(rng, problem, joints),
         joints=joints,
-        source=np.full(fresh, origin, dtype=np.uint8),
+        source=np.full(fresh, START if informed else SURFACE, dtype=np.uint8),
         ancestor=np.full(fresh, -1, dtype=np.int32),
     )
     if parents is None:
         return new, slice(0)
+    return new.joined(_offspring(rng, state, problem, plan, parents, offspring)), slice(fresh, fresh + len(parents))
+
+
+def _offspring(
+    rng: np.random.Generator, state: State, problem: Problem, plan: Schedule, parents: NDArray[np.int64], count: int
+) -> Proposals:
+    """`count` proposals from the islands, whose best particles are `parents`: these as they are, then moved ones."""
     assert state.belief.joint_positions is not None
-    ranks = rng.integers(len(parents), size=offspring)
+    ranks = rng.integers(len(parents), size=count)
     # every other child descends from the better half
     ranks[::2] = ranks[::2] // 2
     chosen = parents[ranks]
     chosen[: len(parents)] = parents
-    children = state.belief.poses[0, chosen].copy()
-    scale = np.exp(rng.uniform(np.log(0.1), np.log(1.5), (offspring, 1)))
+    scale = np.exp(rng.uniform(np.log(SHORTEST_MOVE), np.log(LONGEST_MOVE), (count, 1)))
     scale[: len(parents)] = 0.0  # the islands themselves stay in the race
-    noise = scale * rng.standard_normal((offspring, 6))
-    children = poses.perturb(
-        children, plan.diffusion_position * noise[:, :3], plan.diffusion_rotation * noise[:, 3:], problem.mrf.centres[0]
-    )
-    kind = np.full(offspring, OWN, dtype=np.uint8)
+    noise = scale * rng.standard_normal((count, 6))
+    shift, turn = plan.diffusion_position * noise[:, :3], plan.diffusion_rotation * noise[:, 3:]
+    children = poses.perturb(state.belief.poses[0, chosen], shift, turn, problem.mrf.centres[0])
+    source = np.full(count, OWN, dtype=np.uint8)
     if isinstance(problem.prior, UniformPrior):
-        flipped = np.flatnonzero(rng.random(offspring) < 0.3)
+        flipped = np.flatnonzero(rng.random(count) < TURNED)
         flipped = flipped[flipped >= len(parents)]
-        # about the middle of any part: that of the largest keeps its outline, that of a small one finds others
-        about = rng.integers(problem.mrf.nodes, size=len(flipped)) * (rng.random(len(flipped)) < 0.5)
+        about = rng.integers(problem.mrf.nodes, size=len(flipped)) * (rng.random(len(flipped)) < TURNED_ABOUT_ANY)
         centre = poses.transform_points(state.belief.poses[about, chosen[flipped]], problem.mrf.centres[about])
         quarters = rng.integers(1, 4, size=(len(flipped), 1))
         axes = np.stack(_turning_axes(problem, children[flipped]))
         axis = axes[rng.integers(len(axes), size=len(flipped)), np.arange(len(flipped))]
         children[flipped] = _turned(children[flipped], centre, axis, quarters)
-        kind[flipped] = FLIP
-    born = Proposals(
-        roots=children,
-        joints=state.belief.joint_positions[chosen],
-        source=kind,
-        ancestor=chosen.astype(np.int32),
-    )
-    return new.joined(born), slice(fresh, fresh + len(parents))
+        source[flipped] = FLIP
+    joints, ancestor = state.belief.joint_positions[chosen], chosen.astype(np.int32)
+    return Proposals(roots=children, joints=joints, source=source, ancestor=ancestor)
 
 
 def _turned(roots: Array, centre: Array, axis: Array, quarters: NDArray[np.int64] | int) -> Array:
@@ -263,7 +274,7 @@ def _belief(
     """Particles: each island gets some in proportion to its tempered weight, at least one, and fills them with its best
     members."""
     count = problem.particles
-    share = problem.settings.effective_share or 0.15
+    share = problem.settings.effective_share or EFFECTIVE_SHARE
     inverse_temperature = float(lw.tempering(whole[ranked], share))
     weights = np.exp(lw.normalise(inverse_temperature * whole[ranked]))
     ranked = ranked[:count]

@@ -1,8 +1,8 @@
 """Draws from a density that is known up to a constant: an ensemble of Markov chains that learn from each other.
 
-Differential evolution Markov chain (ter Braak 2006, Statistics and Computing 16): a walker steps along the difference
-of two others, so that steps are as long and as slanted as the density is, without anyone having to say so. What such
-steps never cross, from one hypothesis of a coordinate to another, redraws of single coordinates do.
+Differential evolution Markov chain (ter Braak 2006, Statistics and Computing 16): each chain's proposal is a step along
+the difference of two other chains, which gives steps the scale and the correlations of the density without tuning.
+Between separate modes of one coordinate such steps are never accepted; redraws of that coordinate alone cross over.
 """
 
 from __future__ import annotations
@@ -15,9 +15,13 @@ from numpy.typing import NDArray
 
 from pmpnbp.geometry.poses import Array
 
-# Length of steps in K dimensions that is accepted about as often as is best: LENGTH / sqrt(2 K) (ter Braak 2006). Now
-# and then it is 1, which lets a walker change over to where another one is.
-LENGTH, WHOLE = 2.38, 0.1
+# A step is the difference times GAMMA / sqrt(2 K) in K dimensions, the optimum for a Gaussian; in MODE_JUMPS of the
+# proposals times 1, which takes a chain from one mode to another (ter Braak 2006).
+GAMMA, MODE_JUMPS = 2.38, 0.1
+# Steps are shortened at random, down to this share of their length.
+SHORTEST = 0.3
+# Outliers lie this many interquartile ranges below the lower quartile (Vrugt et al. 2009).
+OUTLIER_RANGES = 2
 
 # log density (W,), up to a constant, of rows (W, K); -inf where there is none
 LogDensity = Callable[[Array], Array]
@@ -56,48 +60,48 @@ def sample(
     jitter: Array,
     grids: tuple[Grid, ...] = (),
 ) -> tuple[Array, float]:
-    """The walkers after each of `steps` steps, (steps, W, K), and the share of moves along differences that was taken.
+    """The chains after each of `steps` steps, (steps, W, K), and the share of differences that was accepted.
 
     start : (W, K), W even and at least 4, where the density is above zero; jitter : (K,) standard deviations of noise
     on every step, small against the density's own; grids : of coordinates that are redrawn, one of them in every step
     """
-    walkers, dimensions = start.shape
+    chains, dimensions = start.shape
     current, value = start.copy(), log_density(start)
-    history = np.empty((steps, walkers, dimensions))
-    taken = 0
+    history = np.empty((steps, chains, dimensions))
+    accepted = 0
     for step in range(steps):
         for half in (0, 1):
-            rows, others = np.arange(half, walkers, 2), np.arange(1 - half, walkers, 2)
+            rows, others = np.arange(half, chains, 2), np.arange(1 - half, chains, 2)
             moved = current[rows] + _differences(rng, current[others], len(rows))
             moved += jitter * rng.standard_normal(moved.shape)
-            taken += _accept(rng, log_density, current, value, rows, moved, np.zeros(len(rows)))
+            accepted += _accept(rng, log_density, current, value, rows, moved, np.zeros(len(rows)))
         if grids:
             grid = grids[int(rng.integers(len(grids)))]
             moved = current.copy()
-            moved[:, grid.coordinate] = grid.draw(rng, walkers)
+            moved[:, grid.coordinate] = grid.draw(rng, chains)
             back, forth = (grid.log_density(rows[:, grid.coordinate]) for rows in (current, moved))
-            _accept(rng, log_density, current, value, np.arange(walkers), moved, back - forth)
+            _accept(rng, log_density, current, value, np.arange(chains), moved, back - forth)
         history[step] = current
-    return history, taken / max(steps * walkers, 1)
+    return history, accepted / max(steps * chains, 1)
 
 
-def without_stragglers(rng: np.random.Generator, walkers: Array, value: Array) -> Array:
-    """(W, K): walkers of which those that got stuck where hardly any density is begin again where another one stands:
-    log densities `value` (W,) more than twice the quartiles' distance below the lower quartile (Vrugt et al. 2009,
-    International Journal of Nonlinear Sciences and Numerical Simulation 10). Only before draws are taken."""
-    low, high = np.quantile(value, [0.25, 0.75])
-    stuck = value < low - 2 * (high - low)
-    found = walkers.copy()
-    found[stuck] = walkers[rng.choice(np.flatnonzero(~stuck), int(stuck.sum()))]
-    return found
+def replace_outlier_chains(rng: np.random.Generator, chains: Array, log_densities: Array) -> Array:
+    """Chains (W, K) with each outlier, by its log density (W,), moved to where a random one of the others is (Vrugt et
+    al. 2009, International Journal of Nonlinear Sciences and Numerical Simulation 10). Breaks the stationarity of the
+    chains: for the burn-in only."""
+    low, high = np.quantile(log_densities, [0.25, 0.75])
+    outlier = log_densities < low - OUTLIER_RANGES * (high - low)
+    replaced = chains.copy()
+    replaced[outlier] = chains[rng.choice(np.flatnonzero(~outlier), int(outlier.sum()))]
+    return replaced
 
 
 def _differences(rng: np.random.Generator, others: Array, count: int) -> Array:
     """(count, K): multiples of differences between two of the others."""
     first = rng.integers(len(others), size=count)
     second = (first + rng.integers(1, len(others), size=count)) % len(others)
-    length = LENGTH / np.sqrt(2 * others.shape[1]) * rng.uniform(0.3, 1.0, count)
-    length = np.where(rng.random(count) < WHOLE, 1.0, length)
+    length = GAMMA / np.sqrt(2 * others.shape[1]) * rng.uniform(SHORTEST, 1.0, count)
+    length = np.where(rng.random(count) < MODE_JUMPS, 1.0, length)
     return length[:, None] * (others[first] - others[second])
 
 
@@ -110,9 +114,9 @@ def _accept(
     moved: Array,
     log_correction: Array,
 ) -> int:
-    """Metropolis and Hastings: moves `rows` of `current` and `value`, in place, where chance has it; how many."""
-    there = log_density(moved)
+    """Metropolis-Hastings: replaces `rows` of `current` and `value` by the proposals that are accepted; how many."""
+    proposed = log_density(moved)
     with np.errstate(invalid="ignore"):
-        better = np.log(rng.random(len(rows))) < there - value[rows] + log_correction
-    current[rows[better]], value[rows[better]] = moved[better], there[better]
-    return int(better.sum())
+        accepted = np.log(rng.random(len(rows))) < proposed - value[rows] + log_correction
+    current[rows[accepted]], value[rows[accepted]] = moved[accepted], proposed[accepted]
+    return int(accepted.sum())

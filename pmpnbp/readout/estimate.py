@@ -19,7 +19,7 @@ from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import assemble, configuration_scores
 from pmpnbp.potentials.unary import visible_fractions
-from pmpnbp.readout import posterior
+from pmpnbp.readout import particle_statistics
 from pmpnbp.readout.metrics import add, add_s, model_points
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 from pmpnbp.settings import SessionOptions
@@ -34,9 +34,9 @@ class Placement:
     """Where everything is, and how far the particles are spread about it: the part of an estimate that is soon made.
 
     part_poses : (N, 7), part in world; joint_positions, joint_stds : (D,) the joint vector; both agree with the tree
-    link_poses : (L, 7), link in world, in the model's order; covariances : (L, 6, 6), in the order of
-    `posterior.covariance`; particles : (T, L, 7), those of every link, link in world; particle i of a link has the
-    weight of particle i of the part that `parts_of_links` names
+    link_poses : (L, 7), link in world, in the model's order; covariances : (L, 6, 6), see
+    `particle_statistics.covariance`; particles : (T, L, 7), those of every link, link in world; particle i of
+    a link has the weight of particle i of the part that `parts_of_links` names
     """
 
     part_poses: Array
@@ -49,7 +49,7 @@ class Placement:
     @property
     def std_xyz(self) -> Array:
         """(L, 3) standard deviations of the positions along the world's axes, metres."""
-        return posterior.std_xyz(self.covariances)
+        return particle_statistics.std_xyz(self.covariances)
 
     def certain(self, max_std: float) -> NDArray[np.bool_]:
         """(L,): whether every element of a link's `std_xyz` is at most `max_std`, metres."""
@@ -71,8 +71,9 @@ class LinkEstimate:
     """A link of the URDF.
 
     part : the part it belongs to, or that it was reached from where it is in none
-    pose : (7,), link in world; covariance : (6, 6) of the belief about it, in the order of `posterior.covariance`
-    visible_fraction : 0 to 1, log_likelihood : natural log of the unary potential; both of its part at the estimate
+    pose : (7,), link in world; covariance : (6, 6) of the belief about it, see `particle_statistics.covariance`
+    visible_fraction : 0 to 1, log_likelihood : natural log of the unary potential; both of its part at the estimate,
+        and None where it is in no part that has a surface
     modes : the hypotheses, heaviest first
     """
 
@@ -80,14 +81,14 @@ class LinkEstimate:
     part: int
     pose: Array
     covariance: Array
-    visible_fraction: float
-    log_likelihood: float
+    visible_fraction: float | None
+    log_likelihood: float | None
     modes: tuple[ModeEstimate, ...]
 
     @property
     def std_xyz(self) -> Array:
         """(3,) standard deviations of the position along the world's axes, metres."""
-        return posterior.std_xyz(self.covariance)
+        return particle_statistics.std_xyz(self.covariance)
 
 
 @dataclass(frozen=True)
@@ -139,13 +140,13 @@ def place(problem: Problem, report: IterationReport) -> Placement:
     part_poses = model.part_poses(root, joints)
     link_poses = model.link_poses(part_poses, joints)
     rng = np.random.default_rng([problem.seed, report.iteration])
-    stds = posterior.joint_stds(rng, model, belief, joints)
+    stds = particle_statistics.joint_stds(rng, model, belief, joints)
     # Joints that a link outside all parts hangs on are spread as they are uncertain; a part's links do not see this.
     spread = joints + stds * rng.standard_normal((belief.log_weights.shape[1], model.dof))
     particles = model.link_poses(np.swapaxes(belief.poses, 0, 1), spread)
     weights, part = np.exp(belief.log_weights), parts_of_links(model)
     covariances = [
-        posterior.covariance(link_poses[row], particles[:, row], weights[part[name]])
+        particle_statistics.covariance(link_poses[row], particles[:, row], weights[part[name]])
         for row, name in enumerate(model.links)
     ]
     return Placement(part_poses, joints, stds, link_poses, np.array(covariances), particles)
@@ -174,9 +175,11 @@ def estimate(
     )
     weights = np.exp(belief.log_weights)
     modes = [
-        posterior.modes(belief.poses[node], weights[node], problem.mrf.centres[node]) for node in range(len(part_poses))
+        particle_statistics.modes(belief.poses[node], weights[node], problem.mrf.centres[node])
+        for node in range(len(part_poses))
     ]
     reached_from = parts_of_links(model)
+    with_surface = {link for part in model.parts if part.visible for link in part.links}
     links = []
     for row, name in enumerate(model.links):
         part = reached_from[name]
@@ -184,15 +187,15 @@ def estimate(
         for mode in modes[part]:
             own, share = placed.particles[mode.members, row], weights[part, mode.members]
             middle = poses.mean(own, share)
-            found.append(ModeEstimate(mode.weight, middle, posterior.covariance(middle, own, share)))
+            found.append(ModeEstimate(mode.weight, middle, particle_statistics.covariance(middle, own, share)))
         links.append(
             LinkEstimate(
                 name,
                 part,
                 placed.link_poses[row],
                 placed.covariances[row],
-                float(fractions[part]),
-                float(likelihoods[part]),
+                float(fractions[part]) if name in with_surface else None,
+                float(likelihoods[part]) if name in with_surface else None,
                 tuple(found),
             )
         )

@@ -13,7 +13,7 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
-from pmpnbp.readout import posterior
+from pmpnbp.readout import particle_statistics
 from pmpnbp.readout.estimate import Placement, parts_of_links, place
 
 # Of the belief's weight so much may lie beyond either end of a histogram: far and light particles would leave the rest
@@ -48,8 +48,9 @@ def marginals(
 
     Angles are counted from the estimate, at most half a turn to either side, so that none is torn apart where a full
     turn ends; they may lie beyond ±pi. Joint positions are those of the particles where a particle is a whole object,
-    else those at pairs of particles of both parts (`posterior.joint_draws`). placed : what `place` gave, where it is
-    there already.
+    else those at pairs of particles of both parts (`particle_statistics.joint_draws`).
+
+    placed : what `place` gave, where it is there already
     """
     placed = placed or place(problem, report)
     model, belief = problem.mrf.model, report.belief
@@ -88,7 +89,7 @@ def _joint_marginals(problem: Problem, report: IterationReport, node: int, joint
     found = []
     for edge in (model.edges[number] for number in problem.mrf.tree if model.edges[number].child == node):
         if belief.joint_positions is None:
-            moved = posterior.joint_draws(rng, edge, belief)
+            moved = particle_statistics.joint_draws(rng, edge, belief)
             weights = np.ones(len(moved))
         else:
             moved, weights = edge.axis_positions(belief.joint_positions), np.exp(belief.log_weights[0])

@@ -19,17 +19,17 @@ from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature
 from pmpnbp.potentials.unary import object_scores
-from pmpnbp.readout.ensemble_sampling import Grid, sample, without_stragglers
-from pmpnbp.readout.posterior import covariance
+from pmpnbp.readout.ensemble_sampling import Grid, replace_outlier_chains, sample
+from pmpnbp.readout.particle_statistics import covariance
 from pmpnbp.scene.prior import GaussianPrior
 
 # Of a pixel's score, as a log likelihood. The sensor's noise alone would have it near 3 (tau 12 mm, sigma 5 mm); pixels
 # share their errors with their neighbours (steps of depth, the mesh), so each counts for a fraction of that. Set on
 # held-out scenes, docs/algorithm.md.
 CONFIDENCE = 0.5
-# Chains; their steps until those that got stuck are helped out, until they have forgotten the start, and those kept.
-WALKERS, HELPED, FORGOTTEN, STEPS = 48, 50, 50, 150
-# Every so many of these are draws.
+# Markov chains, their steps before outliers are replaced, and then those of the burn-in and those that are kept.
+CHAINS, OUTLIER_STEPS, BURN_IN, KEPT_STEPS = 48, 50, 50, 150
+# Every so many of the steps kept is a draw.
 THINNING = 5
 # Cells over a joint's range, and the least share of a uniform density in redraws.
 CELLS, UNIFORM = 100, 0.1
@@ -61,15 +61,15 @@ def draw(rng: np.random.Generator, problem: Problem, root: Array, joints: Array)
     )
     start = _start(rng, problem, root, joints, tolerance, grids)
     jitter = np.full(6 + model.dof, JITTER)
-    last = sample(rng, log_density, start, HELPED, jitter=jitter, grids=grids)[0][-1]
-    start = without_stragglers(rng, last, log_density(last))
-    history, _ = sample(rng, log_density, start, FORGOTTEN + STEPS, jitter=jitter, grids=grids)
-    roots, q = placed(history[FORGOTTEN::THINNING].reshape(-1, 6 + model.dof))
+    last = sample(rng, log_density, start, OUTLIER_STEPS, jitter=jitter, grids=grids)[0][-1]
+    start = replace_outlier_chains(rng, last, log_density(last))
+    history, _ = sample(rng, log_density, start, BURN_IN + KEPT_STEPS, jitter=jitter, grids=grids)
+    roots, q = placed(history[BURN_IN::THINNING].reshape(-1, 6 + model.dof))
     return roots, within_limits(q, model.lower, model.upper, model.wraps)
 
 
 def link_covariances(rng: np.random.Generator, problem: Problem, root: Array, joints: Array) -> Array:
-    """(L, 6, 6) of every link about the estimate (7,), (D,), in the order of `posterior.covariance`, by draws."""
+    """(L, 6, 6) of every link about the estimate (7,), (D,), by draws; in the order of `covariance`."""
     model = problem.mrf.model
     roots, q = draw(rng, problem, root, joints)
     drawn = model.link_poses(model.part_poses(roots, q), q)
@@ -108,17 +108,17 @@ def _grid(problem: Problem, root: Array, joints: Array, coordinate: int, toleran
 def _start(
     rng: np.random.Generator, problem: Problem, root: Array, joints: Array, tolerance: float, grids: tuple[Grid, ...]
 ) -> Array:
-    """(W, 6 + D) offsets: about the estimate as the curvature of the score, and roughly the prior, have it; of half of
-    the walkers joints are drawn from their grids."""
+    """(W, 6 + D) offsets of the chains' starts: a Gaussian about the estimate, from the curvature of the score and
+    roughly the prior; each joint that has a grid is drawn from it in half of the chains."""
     model = problem.mrf.model
     information = 2 * CONFIDENCE * curvature(problem, root, joints, tolerance) + np.eye(6 + model.dof) / LOOSE**2
     if isinstance(problem.prior, GaussianPrior):
         known = np.concatenate([problem.prior.std_xyz, problem.prior.std_rpy])
         information[range(6), range(6)] += 1 / known**2
     spread = np.linalg.cholesky(np.linalg.inv(information))
-    offsets = rng.standard_normal((WALKERS, len(spread))) @ spread.T
+    offsets = rng.standard_normal((CHAINS, len(spread))) @ spread.T
     for grid in grids:
-        some = rng.random(WALKERS) < 0.5
+        some = rng.random(CHAINS) < 0.5
         offsets[some, grid.coordinate] = grid.draw(rng, int(some.sum()))
     q = within_limits(joints + offsets[:, 6:], model.lower, model.upper, np.zeros_like(model.wraps))
     return np.concatenate([offsets[:, :6], q - joints], axis=1)

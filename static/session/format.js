@@ -18,7 +18,7 @@ export const millimetres = (metres, places = 1) =>
   withUnit(number(metres * 1000, Math.abs(metres) >= 0.1 ? 0 : places), "mm");
 export const centimetres = (metres, places = 1) => withUnit(number(metres * 100, places), "cm");
 export const degrees = (radians, places = 1) => withUnit(number(radians * DEGREES, places), "°", "");
-export const percent = (share, places = 0) => withUnit(number(share * 100, places), "%");
+export const percent = (share, places = 0) => withUnit(number((share ?? NaN) * 100, places), "%");
 export const nats = (value, places = 1) => number(value, places);
 
 // A joint's position by its type: metres for slides, radians for turns, lists for planar and floating ones.

@@ -18,7 +18,7 @@ from app import cli
 from app.schemas import BeliefParticles, Decision, Estimate, MessageParticles, Trace
 from pmpnbp.geometry import poses
 from pmpnbp.json_text import json_bytes
-from pmpnbp.readout import posterior
+from pmpnbp.readout import particle_statistics
 from pmpnbp.recording import Recording
 from tests.app import small_sessions as small
 
@@ -152,7 +152,7 @@ def test_a_belief_is_what_the_estimate_is_read_from(client: httpx.Client, path: 
         pose = estimate["links"][link]["pose"]
         middle = np.array([*(pose["position"][n] for n in "xyz"), *(pose["orientation"][n] for n in "wxyz")])
         np.testing.assert_allclose(
-            posterior.covariance(middle, particles, weights).reshape(-1),
+            particle_statistics.covariance(middle, particles, weights).reshape(-1),
             estimate["links"][link]["covariance"],
             atol=1e-12,
         )

@@ -14,7 +14,7 @@ from pmpnbp.inference import problem as problem_module
 from pmpnbp.inference.belief import START, Belief, IterationReport, Origin, State
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout import estimate as readout
-from pmpnbp.readout import posterior
+from pmpnbp.readout import particle_statistics
 from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
@@ -110,7 +110,7 @@ def test_covariance_is_the_second_moment_in_ros_order(rng: np.random.Generator) 
     weights = rng.random(50)
     deviation = np.hstack([shift, turn])
     expected = (deviation * (weights / weights.sum())[:, None]).T @ deviation
-    found = posterior.covariance(centre, poses.perturb(centre, shift, turn), weights)
+    found = particle_statistics.covariance(centre, poses.perturb(centre, shift, turn), weights)
     np.testing.assert_allclose(found, expected, atol=1e-12)
     assert np.linalg.eigvalsh(found).min() > -1e-15
 
@@ -119,8 +119,8 @@ def test_covariance_does_not_see_the_sign_of_a_quaternion(rng: np.random.Generat
     centre = poses.IDENTITY
     particles = poses.perturb(centre, 0.1 * rng.standard_normal((20, 3)), 0.3 * rng.standard_normal((20, 3)))
     flipped = particles * np.where(rng.random((20, 1)) < 0.5, 1.0, [1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0])
-    expected = posterior.covariance(centre, particles, np.ones(20))
-    np.testing.assert_allclose(posterior.covariance(centre, flipped, np.ones(20)), expected, atol=1e-12)
+    expected = particle_statistics.covariance(centre, particles, np.ones(20))
+    np.testing.assert_allclose(particle_statistics.covariance(centre, flipped, np.ones(20)), expected, atol=1e-12)
 
 
 def test_a_link_far_from_its_part_has_the_covariance_carried_over_by_the_adjoint(
@@ -145,7 +145,7 @@ def test_modes_are_the_separate_hypotheses_heaviest_first(rng: np.random.Generat
     places[:, 0] = np.arange(7)
     share = np.array([0.05, 0.3, 0.1, 0.2, 0.25, 0.005, 0.095])
     particles = poses.perturb(np.repeat(places, 40, axis=0), 0.005 * rng.standard_normal((280, 3)), np.zeros((280, 3)))
-    modes = posterior.modes(particles, np.repeat(share / 40, 40), np.zeros(3))
+    modes = particle_statistics.modes(particles, np.repeat(share / 40, 40), np.zeros(3))
     np.testing.assert_allclose([mode.weight for mode in modes], [0.3, 0.25, 0.2, 0.1, 0.095], atol=1e-12)
     assert [int(np.flatnonzero(mode.members)[0]) // 40 for mode in modes] == [1, 4, 3, 2, 6]
     assert not np.any(np.sum([mode.members for mode in modes], axis=0) > 1)
@@ -154,8 +154,8 @@ def test_modes_are_the_separate_hypotheses_heaviest_first(rng: np.random.Generat
 def test_a_turn_over_twenty_degrees_is_another_mode() -> None:
     apart = np.stack([poses.IDENTITY, np.r_[0.0, 0, 0, poses.from_rpy([0, 0, np.radians(25)])]])
     near = np.stack([poses.IDENTITY, np.r_[0.0, 0, 0, poses.from_rpy([0, 0, np.radians(15)])]])
-    assert len(posterior.modes(apart, np.array([0.6, 0.4]), np.zeros(3))) == 2
-    assert len(posterior.modes(near, np.array([0.6, 0.4]), np.zeros(3))) == 1
+    assert len(particle_statistics.modes(apart, np.array([0.6, 0.4]), np.zeros(3))) == 2
+    assert len(particle_statistics.modes(near, np.array([0.6, 0.4]), np.zeros(3))) == 1
 
 
 def test_joint_std_of_exact_particles_is_zero_and_of_unseen_joints_that_of_the_range(
@@ -165,7 +165,7 @@ def test_joint_std_of_exact_particles_is_zero_and_of_unseen_joints_that_of_the_r
     particles = np.repeat(part_poses[:, None], 50, axis=1)
     belief = report_of(problem, part_poses, joints, particles).belief
     model = problem.mrf.model
-    stds = dict(zip(model.coordinate_names, posterior.joint_stds(rng, model, belief, joints), strict=True))
+    stds = dict(zip(model.coordinate_names, particle_statistics.joint_stds(rng, model, belief, joints), strict=True))
     assert stds["hinge"] < 1e-6
     assert stds["float/x"] < 1e-6
     assert stds["roll"] == pytest.approx(2 / np.sqrt(12))
@@ -182,7 +182,7 @@ def test_joint_std_is_that_of_both_parts_turns(problem: Problem) -> None:
     part_poses = model.part_poses(part_poses[0], joints)
     belief = report_of(problem, part_poses, joints, scattered(rng, part_poses, 400, 0.0, 0.02)).belief
     # the flap follows the hinge at half its pace, so that it knows the hinge half as well
-    std = posterior.joint_stds(rng, model, belief, joints)[model.coordinate_names.index("hinge")]
+    std = particle_statistics.joint_stds(rng, model, belief, joints)[model.coordinate_names.index("hinge")]
     assert std == pytest.approx(0.02 * np.sqrt(2), rel=0.18)
 
 
@@ -195,7 +195,7 @@ def test_joint_std_of_whole_objects_is_that_of_their_joints(problem: Problem, rn
     turning = model.coordinate_names.index("float/turn")
     both[1, turning] += 2 * np.pi - 0.1  # the short way round
     belief = replace(plain, joint_positions=both)
-    stds = posterior.joint_stds(rng, model, belief, joints)
+    stds = particle_statistics.joint_stds(rng, model, belief, joints)
     assert stds[turning] == pytest.approx(0.05)
     # nothing is seen of these two, however alike the particles are in them
     unseen = [model.coordinate_names.index(name) for name in ("roll", "last")]
@@ -223,6 +223,16 @@ def test_every_link_and_moving_joint_is_reported_and_fits_the_tree(problem: Prob
         child = poses.multiply(poses_of[joint.parent], joint.pose_parent_child(found.joint_positions))
         np.testing.assert_allclose(poses.to_matrix(child), poses.to_matrix(poses_of[joint.child]), atol=1e-9)
     json.dumps(result, allow_nan=False)
+
+
+def test_what_is_seen_of_a_link_is_none_where_no_surface_moves_with_it(
+    problem: Problem, rng: np.random.Generator
+) -> None:
+    part_poses, joints = standing(problem)
+    report = report_of(problem, part_poses, joints, scattered(rng, part_poses, 20, 0.001, 0.0))
+    for link in readout.estimate(problem, report).links:
+        unseen = link.name in ("foot", "tip")
+        assert (link.visible_fraction is None) == (link.log_likelihood is None) == unseen
 
 
 def test_certain_is_what_it_says(problem: Problem, rng: np.random.Generator) -> None:

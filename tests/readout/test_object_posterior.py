@@ -14,7 +14,7 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores
 from pmpnbp.readout import object_posterior
 from pmpnbp.readout.object_posterior import CONFIDENCE, draw, link_covariances
-from pmpnbp.readout.posterior import covariance
+from pmpnbp.readout.particle_statistics import covariance
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from tests.inference import small_worlds as worlds

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from benchmarks.spread import (
+from benchmarks.gaussian_chain import (
     ALONE,
     OFFSET,
     SHIFTS,

@@ -6,7 +6,7 @@ is the solution of a tridiagonal system, which is what Gaussian belief propagati
 uniform and not Gaussian changes means by less than 1 mm and standard deviations by less than 4 % (a grid says so in
 tests/statistical/test_gaussian.py).
 
-Run it: `python -m benchmarks.spread`.
+Run it: `python -m benchmarks.gaussian_chain`.
 """
 
 from __future__ import annotations

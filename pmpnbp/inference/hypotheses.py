@@ -16,6 +16,7 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import OWN
 from pmpnbp.inference.joint_draws import within_limits
+from pmpnbp.inference.mrf import LEAST_LEVER
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.pairwise import stratified_axes
 from pmpnbp.scene.articulated_object import Edge
@@ -26,6 +27,10 @@ SEARCH_POINTS = 64
 # Positions near its own that a joint is tried at, and how often offspring try no others.
 NEAR = 3
 CAUTION = 0.5
+# Stratified positions over a joint's range: one for so many tolerances that the part is moved by, within these bounds.
+TOLERANCES_APART, FEWEST, MOST = 1.5, 4, 20
+# Scale of the Gumbel noise by which half of the hypotheses choose, as a share of the best score.
+CHANCE = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +97,7 @@ def walk(
         tried = mrf.across(to_child, part_poses[None, :, edge.parent], padded)[0]
         node = np.full(count * draws, edge.child, dtype=np.int32)
         score = problem.unary(node, tried.reshape(-1, 7), plan.tolerance, "splats", SEARCH_POINTS).reshape(count, draws)
-        noise = rng.gumbel(size=score.shape) * (0.1 * np.abs(score).max(axis=1, keepdims=True) + 1e-9)
+        noise = rng.gumbel(size=score.shape) * (CHANCE * np.abs(score).max(axis=1, keepdims=True) + 1e-9)
         noise[::2] = 0.0
         score[offspring & (rng.random(count) < CAUTION), 1 + NEAR :] = -np.inf
         pick = (score + noise).argmax(axis=1)
@@ -114,8 +119,10 @@ def _trials(rng: np.random.Generator, edge: Edge, settled: Array, radius: float,
     """Axis positions to try (P, draws, K), the present ones first."""
     count, depth = settled.shape
     lever = np.where(edge.revolute, radius, 1.0)
-    fresh = int(np.clip(np.ceil(((edge.upper - edge.lower) * lever).max() / (1.5 * plan.tolerance)), 4, 20))
-    spread = plan.diffusion_position / np.maximum(lever, 0.02)
+    fresh = int(
+        np.clip(np.ceil(((edge.upper - edge.lower) * lever).max() / (TOLERANCES_APART * plan.tolerance)), FEWEST, MOST)
+    )
+    spread = plan.diffusion_position / np.maximum(lever, LEAST_LEVER)
     around = settled[:, None] + spread * rng.standard_normal((count, NEAR, depth))
     return np.concatenate(
         [

@@ -16,6 +16,12 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.scene.surface_points import area, drawn_points
 
+# How often pairs of points whose inclinations differ are drawn again, and by how much the z components of their
+# normals may differ.
+REDRAWS, INCLINATION = 12, 0.2
+# A normal whose horizontal part is shorter than this says nothing of the yaw.
+HORIZONTAL = 0.5
+
 
 def start(rng: np.random.Generator, problem: Problem) -> State:
     """The state before the first iteration."""
@@ -106,7 +112,7 @@ def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> 
     upright_world = upright(observation.up)
     inclination = observation.normals @ observation.up
     waiting = np.arange(count)
-    for _ in range(12):
+    for _ in range(REDRAWS):
         node = rng.choice(len(areas), size=len(waiting), p=areas / areas.sum())
         for part in np.unique(node):
             rows = waiting[node == part]
@@ -116,7 +122,7 @@ def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> 
         seen[waiting] = rng.integers(len(observation.points), size=len(waiting))
         if prior.orientation == "any":
             break
-        waiting = waiting[np.abs(normals[waiting, 2] - inclination[seen[waiting]]) > 0.2]
+        waiting = waiting[np.abs(normals[waiting, 2] - inclination[seen[waiting]]) > INCLINATION]
         if not len(waiting):
             break
     if prior.orientation == "any":
@@ -125,7 +131,7 @@ def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> 
     else:
         target = poses.rotate(poses.quaternion_conjugate(upright_world), observation.normals[seen])
         yaw = np.arctan2(target[:, 1], target[:, 0]) - np.arctan2(normals[:, 1], normals[:, 0])
-        steep = np.hypot(target[:, 0], target[:, 1]) < 0.5
+        steep = np.hypot(target[:, 0], target[:, 1]) < HORIZONTAL
         yaw = np.where(steep, rng.uniform(-np.pi, np.pi, count), yaw)
         about_up = poses.from_rotation_vector(yaw[:, None] * np.array([0.0, 0.0, 1.0]))
         rotation = poses.quaternion_multiply(upright_world, about_up)

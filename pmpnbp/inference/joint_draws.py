@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import log_weights as lw
 from pmpnbp.inference.belief import State
-from pmpnbp.inference.mrf import Mrf
+from pmpnbp.inference.mrf import LEAST_LEVER, Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.pairwise import stratified_axes
 from pmpnbp.scene.articulated_object import Edge
@@ -78,7 +78,7 @@ def _recall(
     known, log_weights = memory
     taken = rng.permutation(lw.systematic(rng, log_weights, shape[0] * shape[1])).reshape(shape)
     # an axis that turns moves the part's rim as far as one that slides
-    spread = np.where(edge.revolute, plan.diffusion_position / max(radius, 0.02), plan.diffusion_position)
+    spread = np.where(edge.revolute, plan.diffusion_position / max(radius, LEAST_LEVER), plan.diffusion_position)
     moved = known[taken] + spread * rng.standard_normal((*shape, len(spread)))
     return within_limits(moved, edge.lower, edge.upper, edge.wraps)
 
@@ -95,7 +95,7 @@ def joint_spreads(problem: Problem, plan: Schedule) -> Array:
     farthest counts."""
     farthest = np.zeros(problem.mrf.model.dof)
     for edge in problem.mrf.model.edges:
-        lever = np.where(edge.revolute, max(problem.mrf.radii[edge.child], 0.02), 1.0)
+        lever = np.where(edge.revolute, max(problem.mrf.radii[edge.child], LEAST_LEVER), 1.0)
         np.maximum.at(farthest, edge.coordinates, np.abs(edge.multiplier) * lever)
     # a coordinate that moves no part that could be seen
     return plan.diffusion_position / np.where(farthest > 0, farthest, 1.0)

@@ -22,8 +22,8 @@ APART = 0.1
 # Joints whose best other position is polished, those of them that are polished on, and for how many rounds each.
 CANDIDATES, FINALISTS = 16, 3
 ROUNDS, LAST_ROUNDS = 3, 10
-# What a joint elsewhere may lack to the present score, before and after its first polishing, and still be looked at.
-FARTHEST, NEAREST = 0.2, 0.05
+# A position is polished, and then polished on, where its score is worse than the present one by at most these shares.
+LOSS_BEFORE, LOSS_AFTER = 0.2, 0.05
 
 
 def sweep(
@@ -37,10 +37,12 @@ def sweep(
         found = [
             polish(rng, problem, root[None], q[None], plan, plan.tolerance, ROUNDS)
             for q, score in elsewhere
-            if score > here - FARTHEST * abs(here)
+            if score > here - LOSS_BEFORE * abs(here)
         ]
         found.sort(key=lambda result: -result[2])
-        rivals = [(root, joints)] + [(r, q) for r, q, score in found[:FINALISTS] if score > here - NEAREST * abs(here)]
+        rivals = [(root, joints)] + [
+            (r, q) for r, q, score in found[:FINALISTS] if score > here - LOSS_AFTER * abs(here)
+        ]
         if len(rivals) == 1:
             break
         polished = [polish(rng, problem, r[None], q[None], plan, tolerance, LAST_ROUNDS) for r, q in rivals]

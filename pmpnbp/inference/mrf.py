@@ -12,6 +12,10 @@ from pmpnbp.potentials.kernels import kinematics
 from pmpnbp.potentials.pairwise import EdgeTable, edge_table
 from pmpnbp.scene.articulated_object import ArticulatedObject
 
+# Metres: the radius of a part without a surface; and the least lever that a turn is reckoned by, so that a tiny part
+# does not turn by any angle at a time.
+UNSEEN_RADIUS, LEAST_LEVER = 0.05, 0.02
+
 
 @dataclass(frozen=True, kw_only=True)
 class Mrf:
@@ -95,7 +99,10 @@ def build(model: ArticulatedObject) -> Mrf:
         after[row] = edge.pose_after
     centres = np.array([part.centre for part in model.parts]).reshape(-1, 3)
     radii = np.array(
-        [np.linalg.norm(np.ptp(part.mesh.vertices, axis=0)) / 2 if part.visible else 0.05 for part in model.parts]
+        [
+            np.linalg.norm(np.ptp(part.mesh.vertices, axis=0)) / 2 if part.visible else UNSEEN_RADIUS
+            for part in model.parts
+        ]
     )
     return Mrf(
         model=model,

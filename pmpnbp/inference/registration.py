@@ -15,7 +15,9 @@ import numpy as np
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.joint_draws import within_limits
+from pmpnbp.inference.mrf import LEAST_LEVER
 from pmpnbp.inference.problem import Problem
+from pmpnbp.potentials.joint_projection import LENGTH_PER_RADIAN
 from pmpnbp.potentials.unary import render
 from pmpnbp.scene.observation import OBJECT, SUPPORT, View
 from pmpnbp.settings import Schedule
@@ -82,7 +84,7 @@ def _residuals(problem: Problem, root: Array, joints: Array) -> tuple[Array, Arr
 
 def _probes(problem: Problem) -> Array:
     """(6 + D,) what each parameter is moved by for a derivative."""
-    turn = PROBE / max(float(problem.mrf.radii.max()), 0.02)
+    turn = PROBE / max(float(problem.mrf.radii.max()), LEAST_LEVER)
     return np.concatenate([np.full(3, PROBE), np.full(3, turn), np.where(problem.joint_turns, turn, PROBE)])
 
 
@@ -90,7 +92,11 @@ def _widths(problem: Problem, plan: Schedule) -> Array:
     """(6 + D,) how far each parameter may stray where the scan does not hold it."""
     position, rotation = max(plan.diffusion_position, PROBE), max(plan.diffusion_rotation, PROBE)
     return np.concatenate(
-        [np.full(3, position), np.full(3, rotation), np.where(problem.joint_turns, position / 0.3, position)]
+        [
+            np.full(3, position),
+            np.full(3, rotation),
+            np.where(problem.joint_turns, position / LENGTH_PER_RADIAN, position),
+        ]
     )
 
 

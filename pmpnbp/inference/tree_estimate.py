@@ -13,10 +13,10 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import Belief, State
 from pmpnbp.inference.joint_draws import within_limits
-from pmpnbp.inference.mrf import Mrf
+from pmpnbp.inference.mrf import LEAST_LEVER, Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import register
-from pmpnbp.potentials.joint_projection import closest_axes
+from pmpnbp.potentials.joint_projection import LENGTH_PER_RADIAN, closest_axes
 from pmpnbp.potentials.unary import object_scores
 from pmpnbp.settings import Schedule
 
@@ -28,6 +28,10 @@ REGISTRATIONS = 8
 ANCHORS = 4
 # Standard deviation in metres of the longest steps of a part along its joint.
 JOINT_STEP = 0.05
+# The shortest variations, as a share of the diffusion, and the share of the coordinates that one moves.
+SHORTEST, MOVED = 0.02, 0.6
+# A part's mean is of the particles within this many diffusion lengths of its best.
+NEAR = 3
 
 
 def improve(
@@ -131,12 +135,12 @@ def vary(
     else holds them.
     """
     model, mrf = problem.mrf.model, problem.mrf
-    scale = np.exp(rng.uniform(np.log(0.02), 0.0, (count, 1)))
-    noise = rng.standard_normal((count, 6)) * (rng.random((count, 6)) < 0.6) * scale
+    scale = np.exp(rng.uniform(np.log(SHORTEST), 0.0, (count, 1)))
+    noise = rng.standard_normal((count, 6)) * (rng.random((count, 6)) < MOVED) * scale
     shift, turn = plan.diffusion_position * noise[:, :3], plan.diffusion_rotation * noise[:, 3:]
     rows = np.array_split(np.arange(count), 4)
-    reach = np.where(problem.joint_turns, plan.diffusion_position / 0.3, plan.diffusion_position)
-    some = rng.random((len(rows[0]), model.dof)) < 0.6
+    reach = np.where(problem.joint_turns, plan.diffusion_position / LENGTH_PER_RADIAN, plan.diffusion_position)
+    some = rng.random((len(rows[0]), model.dof)) < MOVED
     turned = reach * scale[rows[0]] * rng.standard_normal(some.shape) * some
     roots = [poses.perturb(root, shift[rows[0]], turn[rows[0]], mrf.centres[0])]
     varied = [within_limits(joints + turned, model.lower, model.upper, model.wraps)]
@@ -152,7 +156,7 @@ def vary(
     if model.edges:
         edge = model.edges[int(rng.integers(len(model.edges)))]
         anchor = edge.parent
-        step = np.where(edge.revolute, JOINT_STEP / max(mrf.radii[anchor], 0.02), JOINT_STEP)
+        step = np.where(edge.revolute, JOINT_STEP / max(mrf.radii[anchor], LEAST_LEVER), JOINT_STEP)
         axes = edge.axis_positions(joints) + step * scale[rows[3]] * rng.standard_normal((len(moved), len(step)))
         relative = edge.pose_parent_child(within_limits(axes, edge.lower, edge.upper, edge.wraps))
         moved[:, anchor] = poses.multiply(part_poses[edge.child], poses.inverse(relative))
@@ -161,7 +165,7 @@ def vary(
 
 
 def _local_mean(belief: Belief, node: int, best: int, plan: Schedule) -> Array:
-    """Mean pose of the particles that are near the best one: within three diffusion lengths."""
+    """Mean pose of the particles near the best one."""
     near = np.linalg.norm(belief.poses[node, :, :3] - belief.poses[node, best, :3], axis=1)
-    weights = np.exp(belief.log_weights[node]) * (near < 3 * plan.diffusion_position + 1e-6)
+    weights = np.exp(belief.log_weights[node]) * (near < NEAR * plan.diffusion_position + 1e-6)
     return poses.mean(belief.poses[node], weights)

@@ -60,7 +60,7 @@ async function list() {
       .map((one) => h("option", { value: one.id }, `${one.name || one.id} (${one.iteration})`)),
     ...recordings
       .filter((one) => one.id !== state.id)
-      .map((one) => h("option", { value: one.id }, `recording ${one.name ?? one.id} (${one.last_iteration})`)),
+      .map((one) => h("option", { value: one.id }, `recording ${one.file_name} (${one.last_iteration})`)),
   ];
   byId("compare-with").replaceChildren(...options);
   show();
@@ -119,26 +119,14 @@ function show() {
     setText(stdThere, number(Math.max(...b.std_xyz) * 1000, 1));
   });
   const joints = Object.keys(here.joints).filter((name) => other.joints[name]);
-  reconcile(
-    byId("compare-joints"),
-    joints,
-    (name) => name,
-    (name) =>
-      h(
-        "tr",
-        {},
-        h("th", { scope: "row", title: name }, name),
-        ...Array.from({ length: 3 }, () => h("td", { class: "figure" })),
-      ),
-    (row, name) => {
-      const [a, b] = [here.joints[name], other.joints[name]];
-      const [heading, ownPosition, otherPosition, apart] = row.children;
-      setName(heading, name);
-      setText(ownPosition, joint(a.type, a.position));
-      setText(otherPosition, joint(b.type, b.position));
-      setText(apart, Array.isArray(a.position) ? "–" : joint(a.type, Math.abs(a.position - b.position), 2));
-    },
-  );
+  reconcile(byId("compare-joints"), "compare-joint-row", joints, String, (row, name) => {
+    const [a, b] = [here.joints[name], other.joints[name]];
+    const [heading, ownPosition, otherPosition, apart] = row.children;
+    setName(heading, name);
+    setText(ownPosition, joint(a.type, a.position));
+    setText(otherPosition, joint(b.type, b.position));
+    setText(apart, Array.isArray(a.position) ? "–" : joint(a.type, Math.abs(a.position - b.position), 2));
+  });
 }
 
 const distance = (a, b) => Math.hypot(a.x - b.x, a.y - b.y, a.z - b.z);

@@ -25,6 +25,7 @@ from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 from pmpnbp.settings import SessionOptions
 
 SCHEMA = "pmpnbp/estimate-1"
+OF_RUN = ["model", "method", "seed", "iteration", "converged", "frame_id", "stamp", "certain", "max_std", "seconds"]
 # The scan may be this much in front of a part's surface, metres, and still be the part: noise, a slightly wrong pose.
 VISIBLE_TOLERANCE = 0.02
 
@@ -290,16 +291,7 @@ def to_result(found: Estimate, truth: Mapping[str, Any] | None = None) -> dict[s
     }
     result: dict[str, Any] = {
         "schema": SCHEMA,
-        "model": found.model,
-        "method": found.method,
-        "seed": found.seed,
-        "iteration": found.iteration,
-        "converged": found.converged,
-        "frame_id": found.frame_id,
-        "stamp": found.stamp,
-        "certain": found.certain,
-        "max_std": found.max_std,
-        "seconds": found.seconds,
+        **{name: getattr(found, name) for name in OF_RUN},
         "links": links,
         "joints": joints,
     }

@@ -19,8 +19,7 @@ PAPER = "#f3f4f6"
 DARK_PAPER = "#14181f"
 STANDS_OUT = 3.0
 
-# Of the kinds of covered pixels, apart for readers with any colour vision deficiency: after Okabe and Ito. The page's
-# legend has the same names and colours (static/session/layers.js, static/session-panel.css).
+# Of the kinds of covered pixels, apart for readers with any colour vision deficiency: after Okabe and Ito.
 KIND_COLOURS = {
     PixelKind.EXPLAINED: "#0072b2",
     PixelKind.ON_SUPPORT: "#56b4e9",

@@ -12,12 +12,16 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
+from app.palette import KIND_COLOURS, KIND_NAMES
 from app.schemas import Body, Members
 from pmpnbp.errors import PmpnbpError
+from pmpnbp.potentials.pixel_kinds import PixelKind
 
 Theme = Literal["light", "dark"]
 THEMES: tuple[Theme, ...] = get_args(Theme)
 
+# A scan's points have a depth; one that is not covered is plain.
+_KINDS_OF_POINTS = (*(kind for kind in KIND_COLOURS if kind != PixelKind.NO_DEPTH), PixelKind.NOT_COVERED)
 # Metres: no scene reaches farther.
 MAX_COORDINATE = 1e4
 _Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE, le=MAX_COORDINATE)]
@@ -114,8 +118,8 @@ class ViewState(Body):
     show: Layers = Field(default=Layers(), description="which layers are drawn")
     colour_scan: Literal["depth", "explained", "plain"] = Field(
         default="depth",
-        description="of the scan's points: by depth; by how the estimate fits them (explained, occluding, free space "
-        "violated, not covered); or one colour",
+        description="of the scan's points: by depth; by how the estimate fits them, as `legend` tells; or one colour",
+        json_schema_extra={"legend": [[KIND_NAMES[kind], KIND_COLOURS.get(kind, "")] for kind in _KINDS_OF_POINTS]},
     )
     colour_particles: Literal["part", "weight"] = Field(
         default="part", description="by part; or paler the less a particle weighs beside its part's heaviest"

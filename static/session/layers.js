@@ -5,14 +5,8 @@ import { startDerivedSession } from "./derived_session.js";
 import { button, byId, h, segments, setText } from "./dom.js";
 import { DEGREES, number, percent } from "./format.js";
 import { state, subscribe, update } from "./state.js";
-import { changeView, choices, layers } from "./view.js";
+import { changeView, choices, layers, legend } from "./view.js";
 
-const FITS = {
-  explained: "explained by the estimate",
-  occluding: "in front of it: occluding",
-  violated: "behind it: free space violated",
-  uncovered: "not covered by it",
-};
 const AXES = ["x", "y", "z"];
 
 const boxes = new Map();
@@ -36,8 +30,8 @@ export function install() {
   byId("colour-scan").append(scan);
   byId("colour-particles").append(particles);
   byId("explained-legend").append(
-    ...Object.entries(FITS).map(([name, text]) =>
-      h("li", { class: name }, h("span", { class: "swatch", "aria-hidden": "true" }), text),
+    ...legend("colour_scan").map(([name, colour]) =>
+      h("li", {}, h("span", { class: "swatch", "aria-hidden": "true", css: { background: colour } }), name),
     ),
   );
   byId("confidence").addEventListener("input", (event) => changeView({ confidence: Number(event.target.value) / 100 }));

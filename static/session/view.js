@@ -22,6 +22,8 @@ export async function declareView() {
 export const layers = () => declared.$defs.Layers.properties;
 // The values that a member can have.
 export const choices = (name) => declared.properties[name].enum;
+// What the colours mean that a member chooses: pairs of meaning and colour.
+export const legend = (name) => declared.properties[name].legend;
 
 export async function openView(first) {
   try {

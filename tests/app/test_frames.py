@@ -58,7 +58,8 @@ def test_each_layer_draws_its_own() -> None:
 
 
 def test_what_is_not_there_is_not_drawn() -> None:
-    untold = replace(scene().snapshots[-1], truth=None)
+    newest = scene().snapshots[-1]
+    untold = replace(newest, criteria=replace(newest.criteria, truth=None))
     assert tops(frame(untold, only("truth"), scene().stage)) == set()
     assert tops(drawn(only("axes", "messages", "prior", "region"))) == set()
     assert tops(drawn(only("messages", edge=["frame", "drawer2"]), 0)) == set()  # the start sends none
@@ -184,7 +185,7 @@ def test_the_axes_are_the_heaviest_particles() -> None:
 
 def test_the_truth_is_where_the_links_really_are() -> None:
     whole, found = scene(), drawn(only("truth"))
-    truth = whole.snapshots[-1].truth
+    truth = whole.snapshots[-1].criteria.truth
     assert truth is not None
     for number, name in enumerate(NAMES):
         lines = shown(Lines, found, f"/truth/{number}")
@@ -198,8 +199,9 @@ def test_the_truth_is_where_the_links_really_are() -> None:
 def test_points_are_told_apart_by_how_the_estimate_fits_them() -> None:
     whole = scene()
     made, cloud = whole.snapshots[-1], whole.stage.scans[0]
-    assert made.truth is not None
-    right = np.stack([made.truth["links"][name] for name in NAMES])
+    truth = made.criteria.truth
+    assert truth is not None
+    right = np.stack([truth["links"][name] for name in NAMES])
     towards = poses.rotate(cloud.camera.pose_world_camera[3:], np.array([0.0, 0.0, -0.1]))
     nearer, farther = (right + np.concatenate([sign * towards, np.zeros(4)]) for sign in (1, -1))
 

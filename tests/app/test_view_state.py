@@ -10,8 +10,10 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from app.palette import KIND_COLOURS, KIND_NAMES
 from app.viewer.view_state import LAYERS, MAX_COORDINATE, Layers, ViewState, ViewStateError, merged
 from app.viewer.views import _own_handles
+from pmpnbp.potentials.pixel_kinds import PixelKind
 
 PRIOR = {
     "kind": "gaussian",
@@ -90,6 +92,13 @@ def test_every_member_says_what_it_is_and_every_layer_has_a_switch() -> None:
         assert all(entry.description for entry in declared.values())
     layers = ViewState.model_json_schema()["$defs"]["Layers"]["properties"]
     assert {name for name, entry in layers.items() if entry["title"] and entry["group"]} == set(LAYERS)
+
+
+def test_the_legend_of_the_scans_colours_is_that_of_the_particles_picture() -> None:
+    """The page makes its legend of this; a measured point is of any kind but without depth."""
+    legend = ViewState.model_json_schema()["properties"]["colour_scan"]["legend"]
+    shown = [[KIND_NAMES[kind], colour] for kind, colour in KIND_COLOURS.items() if kind != PixelKind.NO_DEPTH]
+    assert legend == [*shown, ["not covered", ""]]
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Page, expect
 
-from app.palette import KIND_COLOURS, rgb
+from app.palette import KIND_COLOURS, KIND_NAMES, rgb
 from app.viewer.frames import INK
 from pmpnbp.potentials.pixel_kinds import PixelKind
 from tests.app import small_sessions as small
@@ -117,7 +117,11 @@ def test_colours_of_scan_and_particles(small_page: Page, served: Served, session
     explained = settled(page)
     for kind in (PixelKind.EXPLAINED, PixelKind.IN_FRONT):
         assert coloured(explained, rgb(KIND_COLOURS[kind])) > 20 + coloured(by_depth, rgb(KIND_COLOURS[kind])), kind
-    expect(panel.get_by_text("explained by the estimate")).to_be_visible()
+    legend = panel.locator("#explained-legend li")
+    expect(legend).to_have_text(
+        [*(KIND_NAMES[kind] for kind in KIND_COLOURS if kind != PixelKind.NO_DEPTH), "not covered"]
+    )
+    assert legend.nth(0).locator(".swatch").evaluate("e => getComputedStyle(e).backgroundColor") == "rgb(0, 114, 178)"
 
     panel.get_by_role("switch", name="points of the scan").uncheck()
     panel.get_by_role("switch", name="particles", exact=True).check()

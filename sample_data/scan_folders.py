@@ -78,10 +78,7 @@ def write_prior(
         {
             "kind": "gaussian",
             "link": link,
-            "pose": {
-                "position": {"x": px, "y": py, "z": pz},
-                "orientation": {"x": x, "y": y, "z": z, "w": w},
-            },
+            "pose": {"position": {"x": px, "y": py, "z": pz}, "orientation": {"x": x, "y": y, "z": z, "w": w}},
             "std_xyz": [metres] * 3,
             "std_rpy": _numbers([np.deg2rad(degrees)] * 3, 6),
         },

@@ -20,11 +20,7 @@ from tests.instruction_sets import BASELINE, OWN
 
 # What tests send, or wait for. A parent that ignores them, as a script's shell does with SIGINT for what it starts in
 # the background, would have every process that a test starts ignore them too. SIGHUP is left: `nohup` asks for that.
-_NEEDED = {
-    signal.SIGINT: signal.default_int_handler,
-    signal.SIGTERM: signal.SIG_DFL,
-    signal.SIGCHLD: signal.SIG_DFL,
-}
+_NEEDED = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL, signal.SIGCHLD: signal.SIG_DFL}
 _IGNORED = sorted(
     number.name
     for number in signal.valid_signals() - {signal.SIGPIPE, signal.SIGXFSZ}  # which Python itself ignores

@@ -53,14 +53,7 @@ def inputs_of(prior: str = "uniform", method: str = "pmpnbp", **changes: Any) ->
     )
     settings = changed(preset("robust"), QUICK | changes)
     return Inputs(
-        CABINET / "cabinet.urdf",
-        scans,
-        roi,
-        UniformPrior() if prior == "uniform" else known,
-        settings,
-        40,
-        11,
-        method,
+        CABINET / "cabinet.urdf", scans, roi, UniformPrior() if prior == "uniform" else known, settings, 40, 11, method
     )
 
 

@@ -49,13 +49,7 @@ def get_graph(session_id: SessionId, request: Request) -> Any:
         for edge in model.edges
     ]
     views = len(problem.observation.views)
-    return {
-        "session_id": session.id,
-        "parts": parts,
-        "edges": edges,
-        "views": views,
-        "truth": session.truth_known,
-    }
+    return {"session_id": session.id, "parts": parts, "edges": edges, "views": views, "truth": session.truth_known}
 
 
 def _joint(joint: Joint) -> dict[str, Any]:

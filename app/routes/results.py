@@ -113,11 +113,7 @@ def _reached(session: Source, wait: Wait) -> bool:
     | responses(409, status_404="The session, the link or the iteration is not here."),
 )
 def get_belief(
-    session_id: SessionId,
-    link: Link,
-    request: Request,
-    iteration: Iteration = None,
-    form: FormatQuery = "json",
+    session_id: SessionId, link: Link, request: Request, iteration: Iteration = None, form: FormatQuery = "json"
 ) -> Response:
     """The particles."""
     session, snapshot = read(request, session_id, iteration, [link])

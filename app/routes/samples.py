@@ -34,10 +34,7 @@ class SampleRequest(Body):
 
 
 @router.get(
-    "/samples",
-    response_model=list[SampleScene],
-    operation_id="list_samples",
-    summary="Scenes of the sample data",
+    "/samples", response_model=list[SampleScene], operation_id="list_samples", summary="Scenes of the sample data"
 )
 def list_samples() -> Any:
     """Every scene that a sample session can look at."""

@@ -14,17 +14,7 @@ import numpy as np
 import trimesh
 import viser
 
-from app.viewer.scene_frame import (
-    Axes,
-    Ellipsoids,
-    Frustum,
-    Handle,
-    Lines,
-    Node,
-    Points,
-    SceneFrame,
-    Surface,
-)
+from app.viewer.scene_frame import Axes, Ellipsoids, Frustum, Handle, Lines, Node, Points, SceneFrame, Surface
 from pmpnbp.geometry.poses import Array
 
 # Called with a handle's name and the pose (7,) it was dragged to; `done` at the end of the gesture.

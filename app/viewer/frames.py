@@ -59,11 +59,7 @@ QUIET: Mapping[Theme, Colour] = {"light": rgb("#7b8694"), "dark": rgb("#8b97a6")
 
 
 def frame(
-    snapshot: Snapshot,
-    state: ViewState,
-    stage: Stage,
-    *,
-    compared: tuple[Snapshot, Stage] | None = None,
+    snapshot: Snapshot, state: ViewState, stage: Stage, *, compared: tuple[Snapshot, Stage] | None = None
 ) -> SceneFrame:
     """The scene of iteration `snapshot`.
 

@@ -61,10 +61,7 @@ class Layers(Body):
     image: bool = _layer(False, "Scan", "depth image in the camera", "the depth image in the frustum")
     particles: bool = _layer(True, "Belief", "particles", "every part's particles, where the part's frame is")
     axes: bool = _layer(
-        False,
-        "Belief",
-        "axes of the best particles",
-        "the orientations of the selected part's 24 heaviest particles",
+        False, "Belief", "axes of the best particles", "the orientations of the selected part's 24 heaviest particles"
     )
     estimate: bool = _layer(True, "Object", "estimate", "the parts where the estimate has them")
     ellipsoids: bool = _layer(

@@ -61,11 +61,7 @@ class Hypotheses(Proposals):
 
 
 def walk(
-    rng: np.random.Generator,
-    problem: Problem,
-    proposals: Proposals,
-    plan: Schedule,
-    kept: slice = slice(0),
+    rng: np.random.Generator, problem: Problem, proposals: Proposals, plan: Schedule, kept: slice = slice(0)
 ) -> Hypotheses:
     """From the root outwards, give each joint the position at which the part behind it explains the scan best.
 

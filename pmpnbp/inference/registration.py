@@ -33,13 +33,7 @@ NARROWEST, WIDEST = 0.1, 3.0
 
 
 def register(
-    rng: np.random.Generator,
-    problem: Problem,
-    root: Array,
-    joints: Array,
-    count: int,
-    plan: Schedule,
-    tolerance: float,
+    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, count: int, plan: Schedule, tolerance: float
 ) -> tuple[Array, Array]:
     """Proposals near a configuration: root poses (4 + 2 count, 7), joint vectors (4 + 2 count, D).
 

@@ -85,13 +85,7 @@ def stratified_axes(rng: np.random.Generator, edge: Edge, shape: tuple[int, ...]
 
 
 def log_potential(
-    edge: Edge,
-    pose_parent: Array,
-    pose_child: Array,
-    *,
-    form: Form,
-    sigma_position: float,
-    sigma_orientation: float,
+    edge: Edge, pose_parent: Array, pose_child: Array, *, form: Form, sigma_position: float, sigma_orientation: float
 ) -> Array:
     """log psi (...) of the parent's and the child's poses (..., 7), which broadcast; sigmas in metres and radians.
 

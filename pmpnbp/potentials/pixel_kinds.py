@@ -29,11 +29,7 @@ class PixelKind(IntEnum):
     OUTSIDE_ROI = 6
 
 
-_WITHIN = {
-    scene.OBJECT: PixelKind.EXPLAINED,
-    scene.SUPPORT: PixelKind.ON_SUPPORT,
-    scene.OUTSIDE: PixelKind.OUTSIDE_ROI,
-}
+_WITHIN = {scene.OBJECT: PixelKind.EXPLAINED, scene.SUPPORT: PixelKind.ON_SUPPORT, scene.OUTSIDE: PixelKind.OUTSIDE_ROI}
 
 
 def pixel_kinds(

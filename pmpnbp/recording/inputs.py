@@ -51,13 +51,7 @@ class Inputs:
         model = model or load_model(self.model, triangle_budget=self.settings.triangles)
         observation = observe(self.scans, self.roi, width=self.settings.image_width)
         return problem_module.build(
-            model,
-            observation,
-            self.prior,
-            self.settings,
-            particles=self.particles,
-            seed=self.seed,
-            method=self.method,
+            model, observation, self.prior, self.settings, particles=self.particles, seed=self.seed, method=self.method
         )
 
 

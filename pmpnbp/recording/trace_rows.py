@@ -41,11 +41,7 @@ class ForeignRows:
     """
 
     def __init__(
-        self,
-        recording: Recording,
-        last: int,
-        check: Callable[[str], Row | None],
-        make: Callable[[Recording, int], Row],
+        self, recording: Recording, last: int, check: Callable[[str], Row | None], make: Callable[[Recording, int], Row]
     ) -> None:
         self._make = make
         readable = [number for number in recording.iterations() if number <= last]

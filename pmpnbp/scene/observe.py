@@ -198,12 +198,7 @@ def _scene_points(scans: Sequence[Scan], roi: Array | None, base: float, growth:
     all_points = np.concatenate(points)
     inside = np.zeros(len(all_points), dtype=bool) if roi is None else _within(all_points, roi)
     return ScenePoints(
-        all_points,
-        np.concatenate(normals),
-        np.concatenate(tolerances),
-        np.concatenate(border),
-        inside,
-        roi is not None,
+        all_points, np.concatenate(normals), np.concatenate(tolerances), np.concatenate(border), inside, roi is not None
     )
 
 

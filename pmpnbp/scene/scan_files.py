@@ -34,14 +34,7 @@ from pmpnbp.scene.point_cloud_files import LARGEST_POINTS, Cloud, read_xyz
 LARGEST_FILE = 1 << 29
 # Beyond it a value is no measurement in metres (a file in millimetres, a damaged one), and squares would overflow.
 LARGEST_DEPTH = 1000.0
-_READERS = {
-    ".npy": read_npy,
-    ".npz": read_npz,
-    ".pcd": read_pcd,
-    ".ply": read_ply,
-    ".xyz": read_xyz,
-    ".txt": read_xyz,
-}
+_READERS = {".npy": read_npy, ".npz": read_npz, ".pcd": read_pcd, ".ply": read_ply, ".xyz": read_xyz, ".txt": read_xyz}
 SUFFIXES = (".png", *_READERS)
 
 

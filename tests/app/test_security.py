@@ -53,8 +53,7 @@ def test_probes_need_no_token(guarded: Any, path: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "value",
-    ["Bearer", f"Bearer {TOKEN}x", f"Bearer {TOKEN[:-1]}", f"Basic {TOKEN}", TOKEN, "Bearer \xe9\xff", ""],
+    "value", ["Bearer", f"Bearer {TOKEN}x", f"Bearer {TOKEN[:-1]}", f"Basic {TOKEN}", TOKEN, "Bearer \xe9\xff", ""]
 )
 def test_a_wrong_token_is_refused(guarded: Any, value: str) -> None:
     with anonymous(guarded) as client:

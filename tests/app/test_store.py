@@ -92,12 +92,7 @@ def test_what_was_added_is_there_after_a_restart(store: Store) -> None:
     assert store.file("recordings", recording).read_bytes() == b"SQLite"
     assert same(store.load_scan(scan), SCAN)
     assert store.session_folder(session).is_dir()
-    assert dict(store.sessions())[session] == {
-        "id": session,
-        "model_id": model,
-        "scan_ids": [scan],
-        "name": "two",
-    }
+    assert dict(store.sessions())[session] == {"id": session, "model_id": model, "scan_ids": [scan], "name": "two"}
     store.close()
 
 

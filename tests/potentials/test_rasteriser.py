@@ -11,14 +11,7 @@ from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.potentials.kernels import rasteriser, reference
 from pmpnbp.potentials.surfaces import Surfaces, prepare_surfaces
-from pmpnbp.potentials.unary import (
-    PixelScore,
-    explained_share,
-    object_scores,
-    render,
-    unary_scores,
-    visible_fractions,
-)
+from pmpnbp.potentials.unary import PixelScore, explained_share, object_scores, render, unary_scores, visible_fractions
 from pmpnbp.scene.articulated_object import Mesh
 from pmpnbp.scene.observation import OBJECT, View
 from tests.potentials import posed_parts

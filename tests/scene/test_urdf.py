@@ -248,9 +248,7 @@ def test_visual_origin_and_scale_place_a_mesh_and_keep_outward_outward(
         np.testing.assert_allclose(mesh.vertices.max(axis=0), [3, 2, 1], atol=1e-6)
 
 
-def test_visuals_are_merged_and_collision_stands_in_where_there_is_none(
-    load: Callable[..., ArticulatedObject],
-) -> None:
+def test_visuals_are_merged_and_collision_stands_in_where_there_is_none(load: Callable[..., ArticulatedObject]) -> None:
     two = BOX + '<visual><geometry><sphere radius="0.1"/></geometry></visual>'
     other = '<collision><geometry><cylinder radius="0.1" length="0.5"/></geometry></collision>'
     text = link("a", two + other) + link("b", other) + joint("j", "prismatic", "a", "b", LIMIT)

@@ -60,10 +60,7 @@ SENTENCES = {
     "nameless link": (robot("<link/>"), "a <link> of the URDF has no name"),
     "nameless joint": (robot(LINKS + '<joint type="fixed"/>'), "a <joint> of the URDF has no name"),
     "two links": (robot('<link name="a"/><link name="a"/>'), "two links are named 'a'"),
-    "two joints": (
-        robot(LINKS + joint("fixed") + joint("fixed", ends=NEXT_ENDS)),
-        "two joints are named 'j'",
-    ),
+    "two joints": (robot(LINKS + joint("fixed") + joint("fixed", ends=NEXT_ENDS)), "two joints are named 'j'"),
     "two geometries": (
         link("<visual><geometry/><geometry/></visual>"),
         "a <visual> of link 'a' has 2 <geometry> elements, expected at most one",
@@ -126,10 +123,7 @@ SENTENCES = {
         "<parent> of joint 'j' has no link",
     ),
     "zero axis": (one_joint("continuous", '<axis xyz="0 0 0"/>'), "axis of joint 'j' is '0 0 0', expected a direction"),
-    "no limits": (
-        one_joint("revolute"),
-        "joint 'j' is revolute but has no limits, expected <limit lower=… upper=…>",
-    ),
+    "no limits": (one_joint("revolute"), "joint 'j' is revolute but has no limits, expected <limit lower=… upper=…>"),
     "effort alone": (
         one_joint("prismatic", '<limit effort="1" velocity="1"/>'),
         "joint 'j' is prismatic but has no limits, expected <limit lower=… upper=…>",
@@ -220,7 +214,7 @@ def test_only_what_was_checked_is_let_through() -> None:
     )
     tree = check_urdf(data).tree
     assert [element.tag for element in tree.iter()] == [
-        *("robot", "link", "visual", "geometry", "box", "link", "joint", "parent", "child"),
+        *("robot", "link", "visual", "geometry", "box", "link", "joint", "parent", "child")
     ]
     assert tree.find("link/visual/geometry/box").get("size") == "1.0 2.0 3.0"  # type: ignore[union-attr]
 

@@ -40,13 +40,7 @@ def distance_scores(observed: Floats, category: NDArray[np.uint8], rendered: Flo
 
 
 def splat_score(
-    depth: Floats,
-    category: NDArray[np.uint8],
-    lens: Floats,
-    points: Floats,
-    area: float,
-    terms: Floats,
-    robust: bool,
+    depth: Floats, category: NDArray[np.uint8], lens: Floats, points: Floats, area: float, terms: Floats, robust: bool
 ) -> float:
     """Score of one part from points (P, 3) of its visible surface, in the camera's frame.
 

@@ -130,8 +130,8 @@ def test_an_experiment_is_made_and_written_down(
     tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(experiment, "spread", spread if name == "push" else run_here)
-    monkeypatch.setattr(object_posterior, "WALKERS", 8)
-    monkeypatch.setattr(object_posterior, "STEPS", 10)
+    monkeypatch.setattr(object_posterior, "CHAINS", 8)
+    monkeypatch.setattr(object_posterior, "KEPT_STEPS", 10)
     own, tables, pictures, claims = EXPERIMENTS[name]
     command = ["reproduce", "robot" if own else name, *SHORT, *own, "--out", str(tmp_path / "found")]
     out = tmp_path / "found"

@@ -25,6 +25,7 @@ WITHOUT_NUMBERS = (
     "tests/reproduce/test_runs.py",
     "tests/test_architecture.py",
     "tests/test_deployment.py",
+    "tests/test_wheel.py",
     *(
         f"tests/app/test_{name}.py"
         for name in (
@@ -33,8 +34,10 @@ WITHOUT_NUMBERS = (
             "idempotency",
             "killing",
             "openapi",
+            "painter",
             "palette",
             "parsers",
+            "recorded",
             "restarts",
             "security",
             "serve",
@@ -43,9 +46,11 @@ WITHOUT_NUMBERS = (
             "upload_fuzz",
             "uploads",
             "view_command",
+            "view_scene",
             "view_state",
             "viewer_proxy",
             "views",
+            "warm_up",
         )
     ),
 )

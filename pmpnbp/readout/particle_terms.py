@@ -119,8 +119,6 @@ def _message_terms(problem: Problem, report: IterationReport, node: int, particl
 
 
 def _log_prior(problem: Problem, report: IterationReport, node: int, particle: int) -> float:
-    if problem.prior_node < 0 or not problem.settings.prior_factor or report.iteration == 0:
+    if report.iteration == 0 or (node != problem.prior_node and report.stage != "particle filter"):
         return 0.0
-    if node != problem.prior_node and report.stage != "particle filter":
-        return 0.0
-    return float(problem.log_prior(report.belief.poses[problem.prior_node, particle]))
+    return float(problem.plus_prior(np.zeros(()), report.belief.poses[problem.prior_node, particle]))

@@ -1,0 +1,301 @@
+"""Which scenes are hard? Table-tops, rows of look-alikes, two arms, distance and its noise, things in front, pictures
+that cut the object off, wrong dimensions, biased depth: families of random scenes, made by seed.
+
+`hard_scene("tent", 3)` gives the scene, the URDF that the inference is given (which may be a little wrong, where that
+is what makes the family hard) and the noise beyond the sensor's own. Even seeds are for tuning, odd ones for reports.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.camera import Camera
+from pmpnbp.geometry.poses import Array
+from sample_data import models, surroundings
+from sample_data.rendering import posed
+from sample_data.scenes import Scene, camera_before
+from sample_data.urdf_text import box, cylinder, joint, link, robot
+
+
+@dataclass(frozen=True)
+class HardScene:
+    """scene : what is there; urdf : what the inference is told is there; orientation : "upright" or "any"; depth_scale
+    : of all measured depths; noise : standard deviation at one metre, metres, growing with depth squared."""
+
+    scene: Scene
+    urdf: str
+    orientation: str = "upright"
+    depth_scale: float = 1.0
+    noise: float = 0.0
+
+
+def laptop(width: float, depth: float) -> str:
+    """A flat base, 18 mm thick, and a lid hinged at its back edge: 0 shut, 1.9 rad open, pi lying flat."""
+    base = [box((depth, width, 0.018), (0, 0, 0.009))]
+    lid = [box((depth, width, 0.008), (depth / 2, 0, 0.004))]
+    hinge = joint("hinge", "revolute", "base", "lid", (-depth / 2, 0, 0.019), axis=(0, -1, 0), limits=(0, 6.0))
+    return robot("laptop", [link("base", base), link("lid", lid), hinge])
+
+
+def organiser(width: float, depth: float) -> str:
+    """A low box on a desk with two drawers side by side."""
+    height = 0.12
+    elements = [link("frame", models.carcass(width, depth, height, ()))]
+    for number, side in ((1, 1), (2, -1)):
+        elements.append(link(f"drawer{number}", models.drawer(width / 2, depth - 0.02, height)))
+        elements.append(
+            joint(
+                f"slide{number}",
+                "prismatic",
+                "frame",
+                f"drawer{number}",
+                (depth / 2, side * width / 4, height / 2),
+                axis=(1, 0, 0),
+                limits=(0, 0.7 * depth),
+            )
+        )
+    return robot("organiser", elements)
+
+
+def two_arms(lengths: Sequence[float]) -> str:
+    """A torso on a foot with two arms of hinged links, one on either side."""
+    elements = [link("torso", [box((0.30, 0.34, 0.05), (0, 0, 0.025)), box((0.14, 0.22, 0.55), (0, 0, 0.32))])]
+    for name, side in (("left", 1), ("right", -1)):
+        parent, place, axis = "torso", (0.0, side * 0.16, 0.52), (0.0, 1.0, 0.0)
+        for number, length in enumerate(lengths, start=1):
+            part = f"{name}{number}"
+            visuals = [
+                box((0.05, 0.045, length - 0.02), (0, 0, -length / 2)),
+                box((0.03, 0.03, 0.4 * length), (0.035, 0.01 * side, -0.4 * length)),
+            ]
+            if number == len(lengths):
+                visuals.append(box((0.10, 0.07, 0.04), (0.03, 0, -length)))
+            elements.append(link(part, visuals))
+            elements.append(joint(f"{part}_joint", "revolute", parent, part, place, axis=axis, limits=(-2.4, 2.4)))
+            parent, place = part, (0.0, 0.0, -length)
+            axis = (1.0, 0.0, 0.0) if number % 2 else (0.0, 1.0, 0.0)
+    return robot("two_arms", elements)
+
+
+def pliers(length: float) -> str:
+    """Two flat bars that cross in a joint, each bent to one side."""
+    elements = []
+    for name, side in (("first", 1), ("second", -1)):
+        elements.append(
+            link(
+                name,
+                [
+                    box((0.6 * length, 0.022, 0.012), (-0.3 * length, side * 0.012, 0)),
+                    box((0.4 * length, 0.016, 0.012), (0.2 * length, -side * 0.006, 0)),
+                    cylinder(0.018, 0.014, (0, 0, 0)),
+                ],
+            )
+        )
+    elements.append(joint("pivot", "revolute", "first", "second", (0, 0, 0.012), axis=(0, 0, 1), limits=(-1.2, 0.2)))
+    return robot("pliers", elements)
+
+
+def hard_scene(family: str, seed: int) -> HardScene:
+    """The scene of a family and a seed. Raises KeyError for a family that is none of FAMILIES."""
+    return FAMILIES[family](np.random.default_rng([20, list(FAMILIES).index(family), seed]))
+
+
+def _table_scene(rng: np.random.Generator, urdf: str, joints: dict[str, float], lift: float, near: float) -> Scene:
+    """On a table with a few things, in front of a wall, from `near` metres or a bit more; `lift` metres: where the
+    root link's origin is above the top."""
+    height = rng.uniform(0.65, 0.8)
+    pose = poses.from_xyz_rpy([*rng.uniform(-0.5, 0.5, 2), height], [0.0, 0.0, rng.uniform(-np.pi, np.pi)])
+    surfaces = posed(urdf, joints, _lifted(pose, lift))
+    camera = _camera(rng, surfaces, pose, near, 0.05)
+    table = poses.from_xyz_rpy([rng.uniform(-0.1, 0.2), 0.0, -0.015], [0.0, 0.0, 0.0])
+    size = np.array([rng.uniform(0.7, 0.9), rng.uniform(1.2, 1.7), 0.03])
+    around = [surroundings.floor(), surroundings.block(size, poses.multiply(pose, table))]
+    around.append(surroundings.wall(surfaces, poses.to_rpy(pose[3:])[2], rng.uniform(0.25, 0.5)))
+    ground = np.array([-0.3, -0.55, 0.3, 0.55])
+    around += surroundings.clutter(surfaces, pose, int(rng.integers(1, 4)), rng, ground)
+    return Scene(urdf, joints, _lifted(pose, lift), camera, tuple(around))
+
+
+def _lifted(pose: Array, lift: float) -> Array:
+    return poses.multiply(pose, poses.from_xyz_rpy([0.0, 0.0, lift], [0.0, 0.0, 0.0]))
+
+
+def _camera(rng: np.random.Generator, surfaces: dict, pose: Array, near: float, aim: float) -> Camera:
+    for attempt in range(200):
+        distance = rng.uniform(near, 1.3 * near + attempt / 100)
+        camera = camera_before(pose, rng.uniform(-40, 40), distance, rng.uniform(0.45, 0.9) * distance, aim)
+        if surroundings.in_view(surfaces, camera):
+            return camera
+    raise ValueError("no camera sees the whole object")
+
+
+def _floor_scene(
+    rng: np.random.Generator, urdf: str, joints: dict[str, float], near: float, aim: float, things: int = 3
+) -> Scene:
+    """On the floor before a wall, with `things` beside it."""
+    pose = surroundings.standing_at(*rng.uniform(-0.8, 0.8, 2), rng.uniform(-np.pi, np.pi))
+    surfaces = posed(urdf, joints, pose)
+    camera = _camera(rng, surfaces, pose, near, aim)
+    yaw = poses.to_rpy(pose[3:])[2] + np.deg2rad(rng.uniform(-8, 8))
+    around = [surroundings.floor(), surroundings.wall(surfaces, yaw, rng.uniform(0.05, 0.4))]
+    around += surroundings.clutter(surfaces, pose, things, rng)
+    return Scene(urdf, joints, pose, camera, tuple(around))
+
+
+def _laptop(rng: np.random.Generator, low: float, high: float) -> HardScene:
+    urdf = laptop(rng.uniform(0.28, 0.38), rng.uniform(0.20, 0.26))
+    return HardScene(_table_scene(rng, urdf, {"hinge": rng.uniform(low, high)}, 0.0, 0.8), urdf)
+
+
+def _open_laptop(rng: np.random.Generator) -> HardScene:
+    return _laptop(rng, 1.2, 2.1)
+
+
+def _shut_laptop(rng: np.random.Generator) -> HardScene:
+    return _laptop(rng, 0.08, 0.4)
+
+
+def _tent(rng: np.random.Generator) -> HardScene:
+    """A laptop that stands on its two outer edges."""
+    depth, half = rng.uniform(0.20, 0.26), rng.uniform(0.35, 0.6)
+    urdf = laptop(rng.uniform(0.28, 0.38), depth)
+    scene = _table_scene(rng, urdf, {"hinge": 2 * np.pi - 2 * half}, 0.0, 0.8)
+    # the base leans by its angle to the vertical, its front edge on the table
+    up = np.array([0.0, 0.0, depth / 2 * np.cos(half)])
+    lean = np.concatenate([up, poses.from_rotation_vector(np.array([0.0, np.pi / 2 - half, 0.0]))])
+    return HardScene(replace(scene, pose_world_base=poses.multiply(scene.pose_world_base, lean)), urdf, "any")
+
+
+def _lamp(rng: np.random.Generator) -> HardScene:
+    count = int(rng.integers(2, 4))
+    urdf = models.chain(rng.uniform(0.15, 0.25, count).tolist(), [0.04] * count, turning_base=True)
+    joints = {f"hinge{n}": rng.uniform(-0.9, 0.9) for n in range(1, count + 1)}
+    return HardScene(_table_scene(rng, urdf, joints, 0.0, 0.9), urdf)
+
+
+def _organiser(rng: np.random.Generator) -> HardScene:
+    depth = rng.uniform(0.2, 0.28)
+    urdf = organiser(rng.uniform(0.26, 0.36), depth)
+    joints = {f"slide{n}": rng.uniform(0.0, 0.6 * depth) for n in (1, 2)}
+    return HardScene(_table_scene(rng, urdf, joints, 0.0, 0.8), urdf)
+
+
+def _pliers(rng: np.random.Generator) -> HardScene:
+    urdf = pliers(rng.uniform(0.2, 0.26))
+    return HardScene(_table_scene(rng, urdf, {"pivot": rng.uniform(-1.0, -0.2)}, 0.006, 0.5), urdf)
+
+
+def _chest(rng: np.random.Generator, shut: float = 0.5) -> tuple[str, dict[str, float], tuple[float, float, float]]:
+    width, depth, height = rng.uniform([0.4, 0.35, 0.6], [0.55, 0.45, 0.85])
+    urdf = models.cabinet(width, depth, height, (1, 1.2, 1.4), 0.12)
+    joints = {f"slide{n}": 0.0 if rng.random() < shut else rng.uniform(0.03, 0.26) for n in (1, 2, 3)}
+    return urdf, joints, (width, depth, height)
+
+
+def _look_alikes(rng: np.random.Generator) -> HardScene:
+    """A nearly closed chest among closed ones of the same kind."""
+    urdf, joints, (width, _, height) = _chest(rng, 0.6)
+    scene = _floor_scene(rng, urdf, joints, 1.7, 0.4 * height, things=0)
+    beside = []
+    for side in (-1, 1):
+        place = poses.from_xyz_rpy([0.0, side * (width + rng.uniform(0.02, 0.06)), 0.0], [0.0, 0.0, 0.0])
+        twin = posed(urdf, {}, poses.multiply(scene.pose_world_base, place))
+        beside += list(twin.values())
+    return HardScene(replace(scene, clutter=(*scene.clutter, *beside)), urdf)
+
+
+def _two_arms(rng: np.random.Generator) -> HardScene:
+    count = int(rng.integers(3, 5))
+    urdf = two_arms(rng.uniform(0.16, 0.24, count).tolist())
+    joints = {}
+    for name in ("left", "right"):
+        for number in range(1, count + 1):
+            low, high = (-1.4, 0.6) if number % 2 else (-0.5, 0.5)
+            joints[f"{name}{number}_joint"] = rng.uniform(low, high)
+    return HardScene(_floor_scene(rng, urdf, joints, 1.3, 0.3, things=1), urdf)
+
+
+def _long_chain(rng: np.random.Generator) -> HardScene:
+    count = int(rng.integers(9, 13))
+    urdf = models.chain([0.1] * count, [0.045] * count)
+    joints = {f"hinge{n}": rng.uniform(-0.5, 0.5) for n in range(1, count + 1)}
+    joints["hinge1"] = rng.uniform(-0.2, 0.2)
+    return HardScene(_floor_scene(rng, urdf, joints, 1.6, 0.5, things=1), urdf)
+
+
+def _far(rng: np.random.Generator) -> HardScene:
+    urdf, joints, (_, _, height) = _chest(rng)
+    scene = _floor_scene(rng, urdf, joints, 2.9, 0.45 * height)
+    return HardScene(scene, urdf, noise=rng.uniform(0.0018, 0.003))
+
+
+def _in_front(rng: np.random.Generator) -> HardScene:
+    """A chair in front: a seat on four legs, with a back."""
+    urdf, joints, (width, depth, height) = _chest(rng)
+    scene = _floor_scene(rng, urdf, joints, 1.8, 0.45 * height)
+    at = [depth / 2 + rng.uniform(0.4, 0.5), rng.uniform(-0.3, 0.3) * width, 0.0]
+    chair = poses.multiply(scene.pose_world_base, poses.from_xyz_rpy(at, [0.0, 0.0, rng.uniform(-0.6, 0.6)]))
+    pieces = [((0.36, 0.36, 0.03), (0, 0, 0.44)), ((0.03, 0.36, 0.35), (0.17, 0, 0.62))]
+    pieces += [((0.035, 0.035, 0.43), (x, y, 0.215)) for x in (-0.16, 0.16) for y in (-0.16, 0.16)]
+    blocks = [
+        surroundings.block(np.array(size), poses.multiply(chair, poses.from_xyz_rpy(list(place), [0.0, 0.0, 0.0])))
+        for size, place in pieces
+    ]
+    return HardScene(replace(scene, clutter=(*scene.clutter, *blocks)), urdf)
+
+
+def _cut_off(rng: np.random.Generator) -> HardScene:
+    """A quarter to a half of the object beyond the picture's side."""
+    urdf, joints, (_, _, height) = _chest(rng)
+    scene = _floor_scene(rng, urdf, joints, 1.5, 0.45 * height)
+    turn = poses.from_rotation_vector(np.array([0.0, rng.choice([-1, 1]) * rng.uniform(0.38, 0.46), 0.0]))
+    pose = poses.multiply(scene.camera.pose_world_camera, np.concatenate([np.zeros(3), turn]))
+    return HardScene(replace(scene, camera=replace(scene.camera, pose_world_camera=pose)), urdf)
+
+
+def _dimensions(rng: np.random.Generator) -> HardScene:
+    """The model is up to 3 % larger or smaller than what stands there, each way by another share."""
+    width, depth, height = rng.uniform([0.4, 0.35, 0.6], [0.55, 0.45, 0.85])
+    joints = {f"slide{n}": 0.0 if rng.random() < 0.4 else rng.uniform(0.03, 0.26) for n in (1, 2, 3)}
+    there = models.cabinet(width, depth, height, (1, 1.2, 1.4), 0.12)
+    scene = _floor_scene(rng, there, joints, 1.6, 0.45 * height)
+    wrong = np.array([width, depth, height]) * (1 + rng.uniform(-0.03, 0.03, 3))
+    return HardScene(scene, models.cabinet(*wrong, (1, 1.2, 1.4), 0.12))
+
+
+def _bias(rng: np.random.Generator) -> HardScene:
+    urdf, joints, (_, _, height) = _chest(rng)
+    scale = 1 + rng.choice([-1, 1]) * rng.uniform(0.005, 0.01)
+    return HardScene(_floor_scene(rng, urdf, joints, 1.6, 0.45 * height), urdf, depth_scale=scale)
+
+
+def _lying(rng: np.random.Generator) -> HardScene:
+    """A cupboard on its back, its side or aslant, looked for in any orientation."""
+    width, depth, height = rng.uniform([0.35, 0.28, 0.4], [0.45, 0.36, 0.55])
+    urdf = models.cupboard(width, depth, height, shelves=(0.5,))
+    scene = _floor_scene(rng, urdf, {"hinge1": rng.uniform(0.3, 1.5)}, 1.6, 0.25)
+    tilt = poses.from_xyz_rpy([0.0, 0.0, 0.5], [*rng.uniform(-0.6, 0.6, 2), 0.0])
+    return HardScene(replace(scene, pose_world_base=poses.multiply(scene.pose_world_base, tilt)), urdf, "any")
+
+
+FAMILIES: dict[str, Callable[[np.random.Generator], HardScene]] = {
+    "open_laptop": _open_laptop,
+    "shut_laptop": _shut_laptop,
+    "tent": _tent,
+    "lamp": _lamp,
+    "organiser": _organiser,
+    "pliers": _pliers,
+    "look_alikes": _look_alikes,
+    "two_arms": _two_arms,
+    "long_chain": _long_chain,
+    "far": _far,
+    "in_front": _in_front,
+    "cut_off": _cut_off,
+    "dimensions": _dimensions,
+    "bias": _bias,
+    "lying": _lying,
+}

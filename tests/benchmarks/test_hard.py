@@ -1,0 +1,47 @@
+"""The hard scenes: every family makes them, the same by seed, and their study names what failed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import hard
+from benchmarks.hard_scenes import FAMILIES, hard_scene
+from pmpnbp.scene.urdf import load_model
+from sample_data.rendering import posed
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_scene_is_the_same_by_seed_and_its_model_has_the_joints_that_are_moved(family: str, tmp_path: Path) -> None:
+    first, again, other = hard_scene(family, 3), hard_scene(family, 3), hard_scene(family, 5)
+    np.testing.assert_array_equal(first.scene.pose_world_base, again.scene.pose_world_base)
+    assert first.urdf == again.urdf and first.scene.joint_positions == again.scene.joint_positions
+    assert not np.array_equal(first.scene.pose_world_base, other.scene.pose_world_base)
+    (tmp_path / "model.urdf").write_text(first.urdf, encoding="utf-8")
+    model = load_model(tmp_path / "model.urdf")
+    limits = {joint.name: joint.limits() for joint in model.joints}
+    for name, position in first.scene.joint_positions.items():
+        assert limits[name][0] <= position <= limits[name][1]
+
+
+def test_a_tent_stands_on_its_two_outer_edges() -> None:
+    scene = hard_scene("tent", 3).scene
+    table = scene.clutter[1].bounds[1, 2]
+    for mesh in posed(scene.urdf, scene.joint_positions, scene.pose_world_base).values():
+        assert abs(mesh.bounds[0, 2] - table) < 0.015
+
+
+@pytest.mark.parametrize(
+    ("scores", "cause"), [((90.0, 100.0), "search"), ((110.0, 100.0), "model"), ((99.0, 100.0), "tie")]
+)
+def test_a_failure_has_a_name(scores: tuple[float, float], cause: str) -> None:
+    assert hard._cause(*scores) == cause
+
+
+def test_the_study_reports_by_family(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--families", "open_laptop", "--seeds", "1", "--config", "search_proposals=200", "--iterations", "4"]
+    hard.main([*words, "--particles", "50"])
+    printed = capsys.readouterr().out
+    assert "| open_laptop | " in printed and "| all | " in printed

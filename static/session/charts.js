@@ -1,6 +1,7 @@
 // How do numbers look as small pictures? Histograms, bars and a scatter, in SVG, without anything to press.
 
 import { h, s } from "./dom.js";
+import { nats } from "./format.js";
 
 // Densities over edges (one more than densities) with a line at the estimate. `read` writes a value with its unit.
 export function histogram({ title, edges, density, estimate, read, tint }) {
@@ -81,13 +82,13 @@ export function scatter({ xs, ys, weights, tint, label, xTitle, yTitle }) {
   ]);
 }
 
-// Signed shares as bars from a common zero.
+// Signed shares, in nats, as bars from a common zero.
 export function bars(entries) {
   const most = Math.max(1e-9, ...entries.map(({ value }) => Math.abs(value ?? 0)));
   return h(
     "dl",
     { class: "bars" },
-    entries.map(({ name, value, text, tint, total }) =>
+    entries.map(({ name, value, tint, total }) =>
       h("div", { class: total ? "bar total" : "bar" }, [
         h("dt", { title: name }, name),
         h("dd", {}, [
@@ -97,7 +98,7 @@ export function bars(entries) {
             "aria-hidden": "true",
             css: { "--long": Math.abs(value ?? 0) / most, ...(tint ? { "--tint": tint } : {}) },
           }),
-          h("span", { class: "figure" }, text),
+          h("span", { class: "figure" }, nats(value, 2)),
         ]),
       ]),
     ),

@@ -2,7 +2,7 @@
 // in the 3D view, and here is a table of differences.
 
 import { call, iterationQuery, sessionPath } from "./api.js";
-import { button, byId, h, reconcile, setName, setText } from "./dom.js";
+import { button, byId, h, reconcile, sentence, setName, setText } from "./dom.js";
 import { DEGREES, degrees, joint, millimetres, number } from "./format.js";
 import { colour, isLive, partOfLink, shownIteration, state, subscribe, update } from "./state.js";
 import { throttled } from "./throttle.js";
@@ -12,31 +12,15 @@ let newestOther = null;
 
 export function install() {
   byId("compare-with").addEventListener("change", choose);
-  byId("compare-at").addEventListener("change", () =>
-    changeView({
-      compare: {
-        ...state.view.compare,
-        iteration: byId("compare-at").value === "" ? null : Number(byId("compare-at").value),
-      },
-    }),
-  );
+  byId("compare-at").addEventListener("change", (event) => {
+    const at = event.target.value;
+    changeView({ compare: { ...state.view.compare, iteration: at === "" ? null : Number(at) } });
+  });
   byId("compare-tied").addEventListener("change", tie);
-  byId("compare-pin").append(
-    button(
-      "Pin this iteration to compare with",
-      () => changeView({ compare: { session_id: state.id, iteration: shownIteration() } }),
-      { class: "wide" },
-    ),
-  );
+  const pin = () => changeView({ compare: { session_id: state.id, iteration: shownIteration() } });
+  byId("compare-pin").append(button("Pin this iteration to compare with", pin, { class: "wide" }));
   byId("compare-stop").addEventListener("click", () => changeView({ compare: null }));
-  const ask = throttled(
-    fetchOther,
-    () => JSON.stringify(state.view.compare),
-    (text) => {
-      byId("compare-calm").hidden = !text;
-      setText(byId("compare-calm"), text);
-    },
-  );
+  const ask = throttled(fetchOther, () => JSON.stringify(state.view.compare), sentence("compare-calm"));
   let opened = false;
   subscribe(["tab", "view", "rows"], () => {
     if (state.tab === "compare" && !opened) list();
@@ -48,10 +32,8 @@ export function install() {
 }
 
 async function list() {
-  const [sessions, recordings] = await Promise.all([
-    call("/api/v1/sessions").catch(() => []),
-    call("/api/v1/recordings").catch(() => []),
-  ]);
+  const kinds = ["sessions", "recordings"];
+  const [sessions, recordings] = await Promise.all(kinds.map((kind) => call(`/api/v1/${kind}`).catch(() => [])));
   const options = [
     h("option", { value: "" }, "nothing"),
     h("option", { value: state.id }, "this session, at another iteration"),

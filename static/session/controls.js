@@ -2,17 +2,9 @@
 
 import { call, Problem, sessionPath } from "./api.js";
 import { byId, setText } from "./dom.js";
+import { stateWord } from "./format.js";
 import { isLive, isRecording, newestIteration, state, subscribe, update } from "./state.js";
 import { goToIteration } from "./view.js";
-
-const WORDS = {
-  running: "iterating",
-  waiting: "waiting for a free place",
-  paused: "paused",
-  failed: "stopped by an error",
-  recorded: "recording",
-  deleted: "deleted",
-};
 
 export function install() {
   byId("play").addEventListener("click", playOrPause);
@@ -79,7 +71,7 @@ function show() {
   byId("name").title = name;
   document.title = `${name}: pmpnbp`;
   byId("state").dataset.state = state.lost ? "lost" : here;
-  setText(byId("state-word"), state.lost ? "connection lost" : word(session));
+  setText(byId("state-word"), state.lost ? "connection lost" : stateWord(session, "at rest"));
 
   const at = newestIteration();
   const going = iterates();
@@ -105,10 +97,4 @@ function show() {
   byId("trouble").dataset.kind = state.lost ? "lost" : "error";
   byId("trouble-close").hidden = state.lost || Boolean(session.error);
   setText(byId("trouble-text"), trouble ?? "");
-}
-
-function word(session) {
-  if (session.state === "waiting" && session.position) return `waiting, number ${session.position} in line`;
-  if (session.state === "paused" && session.converged) return "at rest";
-  return WORDS[session.state] ?? session.state;
 }

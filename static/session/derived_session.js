@@ -13,22 +13,12 @@ export async function startDerivedSession(members, suffix, onError) {
     return;
   }
   const name = (origin.name || `Session ${origin.id}`).split(" · ")[0];
-  const body = {
-    model_id: origin.model_id,
-    scan_ids: origin.scan_ids,
-    method: origin.method,
-    particles: origin.particles,
-    seed: origin.seed,
-    roi: origin.roi,
-    prior: origin.prior,
-    config: origin.config ?? {},
-    max_std: origin.max_std,
-    name: `${name} · ${suffix}`,
-    ...members,
-  };
+  const { model_id, scan_ids, method, particles, seed, roi, prior, config, max_std } = origin;
+  const body = { model_id, scan_ids, method, particles, seed, roi, prior, config, max_std, ...members };
+  body.name = `${name} · ${suffix}`;
   try {
     const session = await call("/api/v1/sessions", { method: "POST", body });
-    location.assign(session.view_url.endsWith("/view/") ? `/sessions/${session.id}/` : session.view_url);
+    location.assign(session.view_url);
   } catch (error) {
     onError(error.message);
   }

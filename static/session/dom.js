@@ -38,6 +38,15 @@ export const byId = (id) => document.getElementById(id);
 // A copy of the element in a <template> of the page.
 export const copyOf = (id) => byId(id).content.firstElementChild.cloneNode(true);
 
+// Show a sentence in an element that is only there while it says something; takes the element's id.
+export const sentence = (id) => (text) => {
+  setText(byId(id), text);
+  byId(id).hidden = !text;
+};
+
+// Show a sentence in the place of what an element holds.
+export const insteadOf = (id) => (text) => text && byId(id).replaceChildren(h("p", { class: "calm" }, text));
+
 // A name that may be too long for its place: whole under the mouse.
 export function setName(element, name) {
   setText(element, name);

@@ -3,7 +3,7 @@
 
 import { call, sessionPath } from "./api.js";
 import { binned, histogram, scatter } from "./charts.js";
-import { byId, h, setText } from "./dom.js";
+import { byId, h, insteadOf, setText } from "./dom.js";
 import { nats, number } from "./format.js";
 import { colourOf, onTheme, shownIteration, state, subscribe } from "./state.js";
 import { throttled } from "./throttle.js";
@@ -11,13 +11,7 @@ import { changeView } from "./view.js";
 
 export function install() {
   byId("edge-close").addEventListener("click", () => changeView({ edge: null, show: { messages: false } }));
-  const draw = throttled(
-    drawMessages,
-    () => `${state.view.edge}@${shownIteration()}`,
-    (text) => {
-      if (text) byId("messages").replaceChildren(h("p", { class: "calm" }, text));
-    },
-  );
+  const draw = throttled(drawMessages, () => `${state.view.edge}@${shownIteration()}`, insteadOf("messages"));
   subscribe(["view", "rows", "tab"], () => {
     if (!state.view.edge || state.tab !== "estimate") return;
     const [parent, child] = state.view.edge;
@@ -33,17 +27,12 @@ async function drawMessages() {
   if (!state.view.edge) return;
   const [parent, child] = state.view.edge;
   const iteration = shownIteration();
+  const path = (...ends) => `${sessionPath(state.id)}/messages/${ends.map(encodeURIComponent).join("/")}`;
   const pairs = [
     [parent, child],
     [child, parent],
   ];
-  const answers = await Promise.all(
-    pairs.map(([from, to]) =>
-      call(
-        `${sessionPath(state.id)}/messages/${encodeURIComponent(from)}/${encodeURIComponent(to)}?iteration=${iteration}`,
-      ),
-    ),
-  );
+  const answers = await Promise.all(pairs.map(([from, to]) => call(`${path(from, to)}?iteration=${iteration}`)));
   byId("messages").replaceChildren(...answers.map((answer, at) => message(answer, ...pairs[at])));
 }
 

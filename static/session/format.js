@@ -47,3 +47,16 @@ export const plain = (value) => String(Number(value.toPrecision(3))).replace("-"
 export function plural(count, one, many = `${one}s`) {
   return `${count} ${count === 1 ? one : many}`;
 }
+
+const STATES = {
+  running: "iterating",
+  waiting: "waiting for a free place",
+  failed: "stopped by an error",
+  recorded: "recording",
+};
+
+// What a session does; `atRest` says that it has converged.
+export function stateWord({ state, position, converged }, atRest) {
+  if (state === "waiting" && position) return `waiting, number ${position} in line`;
+  return state === "paused" && converged ? atRest : (STATES[state] ?? state);
+}

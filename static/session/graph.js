@@ -72,30 +72,14 @@ function build() {
     if (!placed.has(edge.parent) || !placed.has(edge.child)) continue;
     const [x1, y1, x2, y2] = [x(edge.parent), y(edge.parent), x(edge.child), y(edge.child)];
     const types = [...new Set(edge.joints.map((joint) => joint.type))].join(", ");
-    const place = s(
-      "g",
-      {
-        class: "edge",
-        role: "button",
-        tabindex: "0",
-        "aria-pressed": "false",
-        "aria-label": `${types} joint ${edge.joints.map((joint) => joint.name).join(", ")} between ${edge.parent} and ${edge.child}: show its messages`,
-      },
-      [
-        s("line", { class: "reach", x1, y1, x2, y2 }),
-        s("line", { class: "wire", x1, y1, x2, y2 }),
-        s(
-          "text",
-          {
-            class: "edge-label",
-            x: x1 + (x2 - x1) * 0.56 + (deep ? 8 : 0),
-            y: y1 + (y2 - y1) * (deep ? 0.5 : 0.56) + 3.5,
-          },
-          types,
-        ),
-      ],
-    );
-    press(place, () => chooseEdge(edge.parent, edge.child));
+    const names = edge.joints.map((joint) => joint.name).join(", ");
+    const label = `${types} joint ${names} between ${edge.parent} and ${edge.child}: show its messages`;
+    const at = { x: x1 + (x2 - x1) * 0.56 + (deep ? 8 : 0), y: y1 + (y2 - y1) * (deep ? 0.5 : 0.56) + 3.5 };
+    const place = pressed({ class: "edge", "aria-label": label }, () => chooseEdge(edge.parent, edge.child), [
+      s("line", { class: "reach", x1, y1, x2, y2 }),
+      s("line", { class: "wire", x1, y1, x2, y2 }),
+      s("text", { class: "edge-label", ...at }, types),
+    ]);
     edges.push({ place, edge });
     drawing.append(place);
   }
@@ -111,20 +95,10 @@ function build() {
         ? s("text", { class: "node-label", x: cx + RING + 7, y: cy + 4 }, beside ? part.name : shorter(part.name, room))
         : s("text", { class: "node-label middle", x: cx, y: cy + RING + 14 }, shorter(part.name, room));
     const title = s("title");
-    const place = s(
-      "g",
-      { class: "node", role: "button", tabindex: "0", "aria-pressed": "false", "data-part": part.name },
-      [
-        title,
-        s("circle", { class: "ground", cx, cy, r: RING + 2.5 }),
-        s("circle", { class: "rail", cx, cy, r: RING }),
-        ring,
-        disc,
-        tick,
-        text,
-      ],
-    );
-    press(place, () => choosePart(part.name));
+    const ground = s("circle", { class: "ground", cx, cy, r: RING + 2.5 });
+    const rail = s("circle", { class: "rail", cx, cy, r: RING });
+    const drawn = [title, ground, rail, ring, disc, tick, text];
+    const place = pressed({ class: "node", "data-part": part.name }, () => choosePart(part.name), drawn);
     nodes.set(part.name, { place, ring, disc, title, at, part });
     drawing.append(place);
   });
@@ -132,14 +106,16 @@ function build() {
 
 const shorter = (name, room) => (name.length <= room ? name : `${name.slice(0, Math.max(3, Math.floor(room) - 1))}…`);
 
-function press(place, act) {
-  place.addEventListener("click", act);
-  place.addEventListener("keydown", (event) => {
+// A group that can be pressed, by mouse and keyboard.
+function pressed(attributes, act, children) {
+  const keydown = (event) => {
     if (event.key !== "Enter" && event.key !== " ") return;
     event.preventDefault();
     event.stopPropagation();
     act();
-  });
+  };
+  const button = { role: "button", tabindex: "0", "aria-pressed": "false", on: { click: act, keydown } };
+  return s("g", { ...button, ...attributes }, children);
 }
 
 function show() {

@@ -46,10 +46,13 @@ export function install() {
       ]),
     );
   }
-  byId("region-start").append(
-    button("Start a new session with this region", () => another("region"), { class: "wide" }),
-  );
-  byId("prior-start").append(button("Start a new session with this prior", () => another("prior"), { class: "wide" }));
+  for (const [kind, member] of Object.entries({ region: "roi", prior: "prior" })) {
+    const start = () => {
+      const members = { [member]: state.view[kind] ?? state.session[member] };
+      startDerivedSession(members, `another ${kind}`, (text) => update({ trouble: text }));
+    };
+    byId(`${kind}-start`).append(button(`Start a new session with this ${kind}`, start, { class: "wide" }));
+  }
   subscribe(["view", "graph"], () => show(showScan, showParticles));
 }
 
@@ -61,30 +64,14 @@ function layerSwitch(name, title, description) {
 }
 
 function ends(at, label) {
-  return h("input", {
-    type: "number",
-    step: "0.5",
-    class: "region-number",
-    "data-at": at,
-    "aria-label": label,
-    on: { change: region },
-  });
+  const attributes = { type: "number", step: "0.5", class: "region-number", "data-at": at, "aria-label": label };
+  return h("input", { ...attributes, on: { change: region } });
 }
 
 function region(event) {
   const six = [...(state.view.region ?? state.session?.roi ?? [-0.5, -0.5, -0.5, 0.5, 0.5, 0.5])];
   six[Number(event.target.dataset.at)] = Number(event.target.value) / 100;
   changeView({ region: six });
-}
-
-async function another(kind) {
-  const members =
-    kind === "region"
-      ? { roi: state.view.region ?? state.session.roi }
-      : { prior: state.view.prior ?? state.session.prior };
-  await startDerivedSession(members, kind === "region" ? "another region" : "another prior", (text) =>
-    update({ trouble: text }),
-  );
 }
 
 function show(showScan, showParticles) {

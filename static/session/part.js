@@ -1,9 +1,10 @@
 // What is believed about the part that was chosen? Its modes, and how the belief spreads along each coordinate.
 
-import { call, sessionPath } from "./api.js";
+import { call } from "./api.js";
 import { histogram } from "./charts.js";
-import { byId, h, setText } from "./dom.js";
+import { byId, h, insteadOf, setText } from "./dom.js";
 import { degrees, measured, millimetres, percent, plural } from "./format.js";
+import { beliefs } from "./particle.js";
 import { colour, onTheme, partNamed, rowAt, shownIteration, state, subscribe } from "./state.js";
 import { throttled } from "./throttle.js";
 import { changeView } from "./view.js";
@@ -13,13 +14,7 @@ const BINS = 40;
 export function install() {
   byId("part-close").addEventListener("click", () => changeView({ part: null, particle: null }));
   byId("part-why").addEventListener("click", () => byId("tab-why").click());
-  const draw = throttled(
-    drawMarginals,
-    () => `${state.view.part}@${shownIteration()}`,
-    (text) => {
-      if (text) byId("marginals").replaceChildren(h("p", { class: "calm" }, text));
-    },
-  );
+  const draw = throttled(drawMarginals, () => `${state.view.part}@${shownIteration()}`, insteadOf("marginals"));
   subscribe(["view", "rows", "estimate", "graph", "tab"], () => {
     const part = partNamed(state.view.part);
     if (!part || state.tab !== "estimate") return;
@@ -69,18 +64,13 @@ function showModes(modes, part) {
 async function drawMarginals() {
   const part = partNamed(state.view.part);
   if (!part) return;
-  const link = encodeURIComponent(part.links[0]);
-  const answer = await call(
-    `${sessionPath(state.id)}/beliefs/${link}/marginals?iteration=${shownIteration()}&bins=${BINS}`,
-  );
+  const answer = await call(`${beliefs(part)}/marginals?iteration=${shownIteration()}&bins=${BINS}`);
   if (state.view.part !== part.name) return;
   byId("marginals").replaceChildren(
     ...answer.marginals.map((one) =>
       histogram({
+        ...one,
         title: one.name.replace(/^joint /, ""),
-        edges: one.edges,
-        density: one.density,
-        estimate: one.estimate,
         read: (value) => measured(value, one.unit),
         tint: colour(part),
       }),

@@ -3,7 +3,7 @@
 
 import { call, sessionPath } from "./api.js";
 import { bars } from "./charts.js";
-import { button, byId, h, reconcile, setName, setText } from "./dom.js";
+import { button, byId, h, reconcile, sentence, setName, setText } from "./dom.js";
 import { centimetres, joint, nats, number, percent } from "./format.js";
 import { colour, colourOf, oldestIteration, onTheme, partNamed, shownIteration, state, subscribe } from "./state.js";
 import { throttled } from "./throttle.js";
@@ -14,7 +14,7 @@ const PICTURE_PACE = 800; // milliseconds between two pictures
 const SOURCES = { own: "own belief", neighbour: "a neighbour" };
 
 const current = () => partNamed(state.view.part) ?? state.graph.parts[0] ?? null;
-const beliefs = (part) => `${sessionPath(state.id)}/beliefs/${encodeURIComponent(part.links[0])}`;
+export const beliefs = (part) => `${sessionPath(state.id)}/beliefs/${encodeURIComponent(part.links[0])}`;
 const currentKey = () => `${current()?.name}@${shownIteration()}`;
 
 export function install() {
@@ -34,11 +34,6 @@ export function install() {
   byId("why-view").addEventListener("change", picture);
   byId("why-enlarge").addEventListener("click", enlarge);
 }
-
-const sentence = (id) => (text) => {
-  byId(id).hidden = !text;
-  setText(byId(id), text);
-};
 
 function chips() {
   reconcile(
@@ -99,24 +94,20 @@ async function explainParticle() {
   const answer = await call(`${beliefs(part)}/particles/${state.view.particle}?iteration=${shownIteration()}`);
   setText(byId("why-title"), `${part.name}, particle ${answer.index}`);
   setText(byId("why-weight"), `weight ${percent(answer.weight, 2)} · log weight ${nats(answer.log_weight, 2)}`);
-  origin(answer, part);
+  origin(answer);
   pose(answer);
   byId("why-shares").replaceChildren(bars(shares(answer)));
   picture();
 }
 
-function origin(answer, part) {
+function origin(answer) {
   const before = answer.iteration - 1;
-  const owner = answer.ancestor_part ?? answer.neighbour ?? part.name;
-  const go =
-    answer.ancestor === null || answer.ancestor === undefined || answer.ancestor < 0 || before < oldestIteration()
-      ? null
-      : button(
-          `Particle ${answer.ancestor} of ${owner}, iteration ${before}`,
-          () => changeView({ iteration: before, part: owner, edge: null, particle: answer.ancestor }),
-          { class: "link", id: "ancestor" },
-        );
-  byId("why-origin").replaceChildren(h("p", {}, answer.origin ?? ""), go ?? "");
+  const { ancestor, ancestor_part: part } = answer;
+  byId("why-origin").replaceChildren(h("p", {}, answer.origin));
+  if (ancestor === null || before < oldestIteration()) return;
+  const go = () => changeView({ iteration: before, part, edge: null, particle: ancestor });
+  const text = `Particle ${ancestor} of ${part}, iteration ${before}`;
+  byId("why-origin").append(button(text, go, { class: "link", id: "ancestor" }));
 }
 
 function pose(answer) {
@@ -135,21 +126,14 @@ function pose(answer) {
 }
 
 function shares(answer) {
-  const given = answer.shares ?? { unary: answer.log_unary, messages: {} };
-  const entries = [{ name: "the scan (unary)", value: given.unary, text: nats(given.unary, 2) }];
-  for (const [name, value] of Object.entries(given.messages ?? {})) {
-    entries.push({ name: `${name}’s message`, value, text: nats(value, 2), tint: colourOf(name) });
+  const { unary, messages, prior, constant } = answer.shares;
+  const entries = [{ name: "the scan (unary)", value: unary }];
+  for (const [name, value] of Object.entries(messages)) {
+    entries.push({ name: `${name}’s message`, value, tint: colourOf(name) });
   }
-  if (given.prior) entries.push({ name: "prior", value: given.prior, text: nats(given.prior, 2) });
-  if (Number.isFinite(given.constant))
-    entries.push({ name: "common to all", value: given.constant, text: nats(given.constant, 2), tint: "var(--quiet)" });
-  entries.push({
-    name: "log weight",
-    value: answer.log_weight,
-    text: nats(answer.log_weight, 2),
-    tint: "var(--ink)",
-    total: true,
-  });
+  if (prior) entries.push({ name: "prior", value: prior });
+  if (constant !== null) entries.push({ name: "common to all", value: constant, tint: "var(--quiet)" });
+  entries.push({ name: "log weight", value: answer.log_weight, tint: "var(--ink)", total: true });
   return entries;
 }
 

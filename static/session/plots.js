@@ -24,7 +24,6 @@ const PLOTS = [
   {
     id: "effective",
     title: "effective sample size",
-    log: false,
     zero: true,
     values: (row) => row.effective,
     tick: (v) => plain(v),
@@ -33,7 +32,6 @@ const PLOTS = [
   {
     id: "likelihood",
     title: "log likelihood",
-    log: false,
     values: (row) => [row.likelihood],
     tick: (v) => plain(v),
     now: (values) => number(values[0], 1),
@@ -49,7 +47,6 @@ const PLOTS = [
   {
     id: "seconds",
     title: "time per iteration, ms",
-    log: false,
     zero: true,
     values: (row) => [row.seconds],
     tick: (v) => plain(v * 1000),

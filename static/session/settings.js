@@ -57,17 +57,12 @@ function row(entry) {
     if (input.value === "" && entry.kind !== "boolean") show();
     else send({ [entry.name]: value }, error);
   };
+  const step = entry.kind === "integer" ? "1" : "any";
   const input = entry.choices.length
     ? h("select", { id }, [entry.choices.map((choice) => h("option", { value: choice }, choice))])
     : entry.kind === "boolean"
       ? h("input", { id, type: "checkbox", role: "switch" })
-      : h("input", {
-          id,
-          type: "number",
-          step: entry.kind === "integer" ? "1" : "any",
-          min: entry.low,
-          max: entry.high,
-        });
+      : h("input", { id, type: "number", step, min: entry.low, max: entry.high });
   input.setAttribute("aria-describedby", `${id}-help`);
   input.addEventListener("change", changed);
   const error = h("p", { class: "wrong", role: "alert", hidden: true });
@@ -79,7 +74,6 @@ function row(entry) {
   const limits = [entry.low !== null ? `from ${entry.low}` : "", entry.high !== null ? `to ${entry.high}` : ""]
     .filter(Boolean)
     .join(" ");
-  rows.set(entry.name, { entry, input, reset, place: null });
   const place = h("div", { class: "setting" }, [
     h("label", { for: id }, entry.name.replaceAll("_", " ")),
     input,
@@ -91,7 +85,7 @@ function row(entry) {
     ]),
     error,
   ]);
-  rows.get(entry.name).place = place;
+  rows.set(entry.name, { entry, input, reset, place });
   return place;
 }
 

@@ -47,32 +47,25 @@ export function viewOfLink(text) {
 }
 
 // The commands that answer what is looked at now.
-export function commands() {
+function commands() {
   const api = location.origin + sessionPath(state.id);
+  const at = `?iteration=${shownIteration()}`;
   const view = state.view;
   const part = state.graph.parts.find((one) => one.name === view.part);
   const link = part && encodeURIComponent(part.links[0]);
-  const lines = [["the estimate", `curl "${api}/estimate?iteration=${shownIteration()}"`]];
-  if (part && view.particle !== null)
-    lines.push([
-      "why this particle weighs what it does",
-      `curl "${api}/beliefs/${link}/particles/${view.particle}?iteration=${shownIteration()}"`,
-    ]);
-  else if (part)
-    lines.push([`the belief about ${part.name}`, `curl "${api}/beliefs/${link}?iteration=${shownIteration()}"`]);
+  const lines = ["# the estimate", `curl "${api}/estimate${at}"`];
+  if (part && view.particle !== null) {
+    lines.push(
+      "# why this particle weighs what it does",
+      `curl "${api}/beliefs/${link}/particles/${view.particle}${at}"`,
+    );
+  } else if (part) lines.push(`# the belief about ${part.name}`, `curl "${api}/beliefs/${link}${at}"`);
   if (view.edge)
-    lines.push([
-      "a message",
-      `curl "${api}/messages/${view.edge.map(encodeURIComponent).join("/")}?iteration=${shownIteration()}"`,
-    ]);
-  if (state.viewId) {
-    const now = { iteration: view.iteration, part: view.part, particle: view.particle, show: view.show };
-    lines.push([
-      "this 3D view shows it",
-      `curl -X PATCH "${api}/views/${state.viewId}" --json '${JSON.stringify(now)}'`,
-    ]);
-  }
-  return lines;
+    lines.push("# a message", `curl "${api}/messages/${view.edge.map(encodeURIComponent).join("/")}${at}"`);
+  const now = { iteration: view.iteration, part: view.part, particle: view.particle, show: view.show };
+  const body = JSON.stringify(now);
+  lines.push("# this 3D view shows it", `curl -X PATCH "${api}/views/${state.viewId}" --json '${body}'`);
+  return lines.join("\n");
 }
 
 function show() {
@@ -81,20 +74,13 @@ function show() {
   const parameters = linkParameters();
   parameters.delete("tab");
   byId("share-link").value = `${location.origin}/sessions/${state.id}/${parameters.size ? `?${parameters}` : ""}`;
-  byId("share-recording").href = `${api}/recording`;
-  byId("share-scene").href = `${api}/views/${state.viewId}/scene.html`;
-  byId("share-picture").href = `${api}/estimate.png?iteration=${shownIteration()}&width=1280`;
-  byId("share-estimate").href = `${api}/estimate?iteration=${shownIteration()}`;
-  byId("share-recording").download = "";
-  byId("share-scene").download = `${state.id}-${shownIteration()}.html`;
-  byId("share-picture").download = `${state.id}-${shownIteration()}.png`;
-  byId("share-estimate").download = `${state.id}-${shownIteration()}.json`;
-  setText(
-    byId("share-curl"),
-    commands()
-      .map(([what, line]) => `# ${what}\n${line}`)
-      .join("\n"),
-  );
+  const [at, stem] = [`?iteration=${shownIteration()}`, `${state.id}-${shownIteration()}`];
+  const offer = (id, href, download) => Object.assign(byId(id), { href, download });
+  offer("share-recording", `${api}/recording`, "");
+  offer("share-scene", `${api}/views/${state.viewId}/scene.html`, `${stem}.html`);
+  offer("share-picture", `${api}/estimate.png${at}&width=1280`, `${stem}.png`);
+  offer("share-estimate", `${api}/estimate${at}`, `${stem}.json`);
+  setText(byId("share-curl"), commands());
 }
 
 async function copied(button, source) {

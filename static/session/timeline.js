@@ -70,20 +70,11 @@ function stop() {
 
 function show() {
   const slider = byId("slider");
-  slider.min = oldestIteration();
-  slider.max = Math.max(newestIteration(), oldestIteration());
-  slider.value = shownIteration();
-  slider.setAttribute(
-    "aria-valuetext",
-    `iteration ${shownIteration()} of ${newestIteration()}${isLive() ? ", live" : ""}`,
-  );
-  const length = Math.max(1, newestIteration() - oldestIteration());
-  slider.style.setProperty(
-    "--share",
-    newestIteration() > oldestIteration() ? (shownIteration() - oldestIteration()) / length : 1,
-  );
-  const digits = String(newestIteration()).length;
-  setText(byId("shown"), `${String(shownIteration()).padStart(digits, "\u2007")} / ${newestIteration()}`);
+  const [first, at, last] = [oldestIteration(), shownIteration(), newestIteration()];
+  Object.assign(slider, { min: first, max: Math.max(last, first), value: at });
+  slider.setAttribute("aria-valuetext", `iteration ${at} of ${last}${isLive() ? ", live" : ""}`);
+  slider.style.setProperty("--share", last > first ? (at - first) / (last - first) : 1);
+  setText(byId("shown"), `${String(at).padStart(String(last).length, "\u2007")} / ${last}`);
   byId("live").setAttribute("aria-pressed", String(isLive()));
   setText(byId("live").lastChild, isRecording() ? "Newest" : "Live");
   byId("playback").setAttribute("aria-label", state.playback ? "Stop playing back" : "Play back");
@@ -98,25 +89,14 @@ function showMarks() {
     let since = null;
     for (let n = rows.length - 1; n >= 0 && rows[n].std[at] !== null && rows[n].std[at] <= maxStd(); n--) since = n;
     if (since !== null && since > 0) {
-      marks.push({
-        kind: "certain",
-        iteration: rows[since].iteration,
-        part,
-        text: `${part.name} is certain from iteration ${rows[since].iteration} on`,
-      });
+      const { iteration } = rows[since];
+      marks.push({ kind: "certain", iteration, part, text: `${part.name} is certain from iteration ${iteration} on` });
     }
   });
-  for (const entry of state.changes) {
-    const what = entry.scan_id
-      ? "a view was added"
-      : `settings were changed: ${Object.entries(entry.config ?? {})
-          .map(([name, value]) => `${name} = ${value}`)
-          .join(", ")}`;
-    marks.push({
-      kind: "change",
-      iteration: entry.after_iteration,
-      text: `after iteration ${entry.after_iteration} ${what}`,
-    });
+  for (const { after_iteration: iteration, scan_id, config } of state.changes) {
+    const set = Object.entries(config ?? {}).map(([name, value]) => `${name} = ${value}`);
+    const what = scan_id ? "a view was added" : `settings were changed: ${set.join(", ")}`;
+    marks.push({ kind: "change", iteration, text: `after iteration ${iteration} ${what}` });
   }
   for (const row of rows) {
     for (const note of row.notes ?? [])

@@ -4,7 +4,7 @@ import { call } from "../session/api.js";
 import { byId, h, reconcile, setText } from "../session/dom.js";
 import { trouble } from "./confirm.js";
 import { aboutScan, count, when } from "./format.js";
-import { onChange, stored } from "./stored.js";
+import { onChange, openNew, stored } from "./stored.js";
 
 const NUMBERS = ["particles", "iterations", "seed"];
 
@@ -139,13 +139,5 @@ function prior() {
 async function create(event) {
   event.preventDefault();
   const button = event.submitter ?? byId("create").querySelector("[type=submit]");
-  trouble(byId("create-trouble"), "");
-  button.disabled = true;
-  try {
-    const session = await call("/api/v1/sessions", { method: "POST", body: members() });
-    location.assign(session.view_url);
-  } catch (problem) {
-    trouble(byId("create-trouble"), problem.message);
-  }
-  button.disabled = false;
+  await openNew("sessions", members, button, byId("create-trouble"));
 }

@@ -2,7 +2,7 @@
 
 import { call } from "../session/api.js";
 import { byId, h, setText } from "../session/dom.js";
-import { trouble } from "./confirm.js";
+import { openNew } from "./stored.js";
 
 export async function offerSamples() {
   const scenes = await call("/api/v1/samples").catch(() => []);
@@ -26,15 +26,7 @@ function title(scene) {
 
 async function open(button, scene) {
   const text = button.textContent;
-  button.disabled = true;
   setText(button, "Opening…");
-  trouble(byId("sample-trouble"), "");
-  try {
-    const session = await call("/api/v1/sessions/sample", { method: "POST", body: { scene } });
-    location.assign(session.view_url);
-  } catch (problem) {
-    trouble(byId("sample-trouble"), problem.message);
-  }
-  button.disabled = false;
+  await openNew("sessions/sample", () => ({ scene }), button, byId("sample-trouble"));
   setText(button, text);
 }

@@ -2,17 +2,12 @@
 
 import { call } from "../session/api.js";
 import { byId, reconcile, setText } from "../session/dom.js";
+import { stateWord } from "../session/format.js";
 import { confirmed, trouble } from "./confirm.js";
 import { grouped } from "./format.js";
 
 const EVERY = 1500; // milliseconds between two questions; the picture's own pace is what a session's iterations give
 const LATER = 5000; // after an answer that failed
-const WORDS = {
-  running: "iterating",
-  waiting: "waiting for a free place",
-  paused: "paused",
-  failed: "stopped by an error",
-};
 
 let timer;
 let questions = 0;
@@ -46,12 +41,8 @@ function show(sessions) {
   const newest = [...sessions].sort((a, b) => (a.created < b.created ? 1 : -1));
   reconcile(byId("sessions"), "card", newest, (session) => session.id, fill);
   byId("empty").hidden = newest.length > 0;
-  setText(byId("summary"), summary(newest));
-}
-
-function summary(sessions) {
-  const going = sessions.filter((session) => session.state === "running").length;
-  return sessions.length ? `${sessions.length} kept, ${going} iterating` : "";
+  const going = newest.filter((session) => session.state === "running").length;
+  setText(byId("summary"), newest.length ? `${newest.length} kept, ${going} iterating` : "");
 }
 
 async function forget(id, name) {
@@ -72,7 +63,7 @@ function fill(card, session) {
   card.dataset.state = session.state;
   part("open").href = session.view_url;
   setText(part("name"), title(session));
-  setText(part("word"), state(session));
+  setText(part("word"), stateWord(session, "done"));
   const done = session.state === "paused" && session.converged; // before all that were asked for
   const total = (done ? session.iteration : session.iterations) ?? 0;
   const iteration = session.iteration === null ? "none" : grouped(session.iteration);
@@ -91,12 +82,6 @@ function fill(card, session) {
   part("delete").setAttribute("aria-label", `Delete the session ${title(session)}`);
   part("delete").title = "Delete the session";
   picture(card, session);
-}
-
-function state(session) {
-  if (session.state === "waiting" && session.position) return `waiting, number ${session.position} in line`;
-  if (session.state === "paused" && session.converged) return "done";
-  return WORDS[session.state] ?? session.state;
 }
 
 // The next picture is loaded beside the one that is shown, one at a time, so that nothing flickers or piles up.

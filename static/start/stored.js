@@ -2,8 +2,9 @@
 // change, for all parts of the page.
 
 import { call } from "../session/api.js";
+import { trouble } from "./confirm.js";
 
-export const KINDS = ["models", "scans", "recordings"];
+const KINDS = ["models", "scans", "recordings"];
 export const stored = { models: [], scans: [], recordings: [] };
 
 const heard = new Set();
@@ -24,4 +25,17 @@ export async function refresh(kinds = KINDS) {
 export async function remove(kind, id) {
   await call(`/api/v1/${kind}/${id}`, { method: "DELETE" });
   await refresh([kind]);
+}
+
+// Make a session of what `members` gives, and go to its page; what goes wrong is said in `place`.
+export async function openNew(path, members, button, place) {
+  trouble(place, "");
+  button.disabled = true;
+  try {
+    const session = await call(`/api/v1/${path}`, { method: "POST", body: members() });
+    location.assign(session.view_url);
+  } catch (problem) {
+    trouble(place, problem.message);
+  }
+  button.disabled = false;
 }

@@ -52,7 +52,7 @@ async function take(files) {
     else others.push(file);
   }
   // models first: a scan alone makes no session
-  const order = ["models", "scans", "recordings"];
+  const order = Object.keys(KINDS);
   const known = others.map((file) => [kindOf(file), file]);
   known.sort(([a], [b]) => order.indexOf(a) - order.indexOf(b));
   for (const [kind, file] of known) {

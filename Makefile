@@ -12,8 +12,10 @@ SERVE_STAMP := $(VENV)/.installed-to-serve
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
-# Failing tests are run again under either instruction set, which tells whether the processor decides
-PYTEST := $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile --explain-failures
+# Files in the order that tests/conftest.py gives them, not by their number of tests. Failing tests are run again under
+# either instruction set, which tells whether the processor decides
+PYTEST := $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder \
+  --explain-failures
 
 .PHONY: serve test test-baseline kernels kernels-baseline install lint format types benchmark clean system-packages browser
 .DEFAULT_GOAL := test

@@ -35,9 +35,9 @@ from app.server_config import ServerConfig
 from app.sessions.sessions import Sessions
 from app.store.store import Store
 from app.uploads.uploads import Uploads
-from app.version import version
 from app.viewer import proxy
 from app.viewer.views import Views
+from pmpnbp.version import version
 
 # In the order of the documentation.
 ROUTERS = (
@@ -71,6 +71,7 @@ def create_app(config: ServerConfig) -> FastAPI:
         redoc_url=None,
         openapi_url="/openapi.json",
         redirect_slashes=False,
+        generate_unique_id_function=lambda route: route.name,  # an operation is called as its function is
     )
     app.state.config = config
     app.state.traffic = Traffic()

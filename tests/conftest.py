@@ -11,6 +11,28 @@ from hypothesis import settings
 
 pytest_plugins = ["tests.machine_facts"]
 
+# Files of few, long tests, the longest first: tens of seconds each on their own. `make test` hands out whole files in
+# the order of collection; were these among the last, one core would be left alone with one of them.
+LONG_FILES = (
+    "tests/reproduce/test_experiments.py",
+    "tests/browser",
+    "tests/test_wheel.py",
+    "tests/benchmarks/test_benchmarks.py",
+    "tests/app/test_openapi.py",
+    "tests/app/test_serve.py",
+    "tests/app/test_rest_examples.py",
+    "tests/test_recording.py",
+    "tests/app/test_view_command.py",
+    "tests/app/test_estimate_command.py",
+    "tests/app/test_recorded.py",
+    "tests/app/test_restarts.py",
+    "tests/app/test_killing.py",
+    "tests/inference/test_run.py",
+    "tests/inference/test_search.py",
+    "tests/readout/test_object_posterior.py",
+    "tests/app/test_warm_up.py",
+)
+
 # pyrender reads this when it is first imported; without a display every other platform fails.
 os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 
@@ -19,6 +41,16 @@ os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
 settings.register_profile("gate", deadline=None, derandomize=True, database=None)
 settings.register_profile("search", deadline=None, max_examples=2000, print_blob=True)
 settings.load_profile("gate")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Tests of LONG_FILES before all others; whatever is of one file stays in its order."""
+    long = [config.rootpath / path for path in LONG_FILES]
+
+    def place(item: pytest.Item) -> int:
+        return next((k for k, path in enumerate(long) if item.path.is_relative_to(path)), len(long))
+
+    items.sort(key=place)
 
 
 @pytest.fixture

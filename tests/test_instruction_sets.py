@@ -78,6 +78,15 @@ def test_what_the_second_pass_leaves_out_is_there(repository: Path) -> None:
     assert [path for path in instruction_sets.WITHOUT_NUMBERS if not (repository / path).exists()] == []
 
 
+def test_long_files_are_there_and_come_first(repository: Path, request: pytest.FixtureRequest) -> None:
+    from tests.conftest import LONG_FILES
+
+    assert [path for path in LONG_FILES if not (repository / path).exists()] == []
+    collected = [item.path.relative_to(repository).as_posix() for item in request.session.items]
+    long = [path.startswith(LONG_FILES) for path in collected]
+    assert long == sorted(long, reverse=True)
+
+
 def test_another_architecture_has_no_second_pass(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:
@@ -102,7 +111,16 @@ def failing(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def run_project(project: Path, repository: Path, *options: str) -> str:
+def run_project(
+    project: Path, repository: Path, *options: str, ignored: frozenset[signal.Signals] = frozenset()
+) -> str:
+    """What pytest says of the project, started by a parent that ignores these signals and no others: the parent of this
+    process may have ignored some, as `nohup` and a script's shell do."""
+
+    def ignore() -> None:
+        for number in signal.valid_signals() - {signal.SIGKILL, signal.SIGSTOP}:
+            signal.signal(number, signal.SIG_IGN if number in ignored else signal.SIG_DFL)
+
     environment = instruction_sets.environment(OWN)
     assert environment is not None
     # no other plugins: their import takes seconds
@@ -112,7 +130,8 @@ def run_project(project: Path, repository: Path, *options: str) -> str:
         "PYTEST_PLUGINS": "xdist.plugin",
     }
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *options]
-    return subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True).stdout
+    done = subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True, preexec_fn=ignore)
+    return done.stdout
 
 
 def test_a_red_run_says_what_machine_it_was_and_what_decides(failing: Path, repository: Path) -> None:
@@ -153,11 +172,7 @@ def test_what_a_parent_ignores_is_told_and_not_handed_on(failing: Path, reposito
         "        process.stdout.read(1)\n        process.send_signal(signal.SIGINT)\n"
         "    assert process.returncode == -signal.SIGINT\n"
     )
-    number = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        said = run_project(failing, repository)
-    finally:
-        signal.signal(signal.SIGINT, number)
+    said = run_project(failing, repository, ignored=frozenset({signal.SIGINT}))
     assert "1 passed" in said
     assert "signals that the parent process ignored: SIGINT" in said
 

@@ -1,4 +1,5 @@
-"""Sessions for tests: the sample cabinet with settings so small that an iteration takes a few milliseconds."""
+"""Sessions for tests: the sample cabinet with settings so small that an iteration takes a few milliseconds, and the
+last one of the search, which polishes what each island has found, half a second."""
 
 from __future__ import annotations
 
@@ -17,6 +18,8 @@ QUICK = {
     "splat_points": 64,
     "search_iterations": 2,
     "search_proposals": 300,
+    "search_islands": 1,
+    "search_restarts": 0,
     "anneal_iterations": 2,
     "refine_iterations": 1,
 }

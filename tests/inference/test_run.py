@@ -131,7 +131,8 @@ def test_a_chain_of_24_parts_runs() -> None:
     snake = worlds.hinged_chain(24, length=0.05)
     root, joints = worlds.at(1.6, 0.0, 0.2), np.tile([0.15, -0.1], 12)[:23]
     observation = worlds.seen(snake, root, joints)
-    short = {"search_iterations": 2, "search_iterations_per_joint": 0, "search_proposals": 30, "anneal_iterations": 2}
+    short = {"search_iterations_per_joint": 0, "search_proposals": 30, "search_islands": 1, "search_restarts": 0}
+    short |= {"search_iterations": 2, "anneal_iterations": 2}
     report = last(quick(snake, observation, root, **short), 6)
     assert report.map_poses.shape == (24, 7)
     assert report.map_joints is not None and report.map_joints.shape == (23,)

@@ -28,6 +28,8 @@ QUICK = {
     "splat_points": 64,
     "search_iterations": 1,
     "search_proposals": 100,
+    "search_islands": 1,
+    "search_restarts": 0,
     "anneal_iterations": 1,
     "refine_iterations": 1,
 }

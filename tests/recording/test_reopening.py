@@ -30,6 +30,8 @@ QUICK = {
     "splat_points": 64,
     "search_iterations": 2,
     "search_proposals": 300,
+    "search_islands": 1,
+    "search_restarts": 0,
     "anneal_iterations": 2,
     "refine_iterations": 1,
 }

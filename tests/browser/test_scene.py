@@ -15,8 +15,8 @@ from tests.servers import Served
 
 @pytest.fixture(scope="module")
 def path(served: Served) -> str:
-    """A session after a few iterations."""
-    return small.after(served.client, 4)
+    """A session that has found the object in a few iterations: it is in the middle of the view."""
+    return small.after(served.client, 4, config=small.QUICK | {"search_islands": 40})
 
 
 def look(page: Page, served: Served, path: str, view: str, troubles: Troubles) -> str:

@@ -27,9 +27,11 @@ BEHIND_THE_CAMERA = {"position": [1.17, 1.92, 2.04], "look_at": [0.59, 0.39, 0.5
 
 @pytest.fixture(scope="module")
 def session(served: Served) -> str:
-    """The path of a session with known truth that has made six iterations, the last ones with messages."""
+    """The path of a session with known truth that has found the object in six iterations, the last ones with
+    messages, which are spread widely enough to be seen."""
     truth = json.loads((small.CABINET / "open" / "truth.json").read_text())
-    return small.after(served.client, 6, name="a cabinet", truth=truth)
+    config = small.QUICK | {"search_islands": 40, "diffusion_position_end": 0.02}
+    return small.after(served.client, 6, name="a cabinet", truth=truth, config=config)
 
 
 def coloured(seen: NDArray[np.uint8], colour: tuple[int, int, int], within: float = 40) -> int:

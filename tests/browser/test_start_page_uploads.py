@@ -108,7 +108,7 @@ def test_how_far_an_upload_is_can_be_seen(page: Page, served: Served) -> None:
     expect(uploads.get_by_text("300 873 points, 640 × 480")).to_be_visible()
     # one that is given up half-way leaves nothing behind, and the next one has its turn
     network.send("Network.emulateNetworkConditions", slow)
-    large = {"name": "large.npy", "mimeType": "application/octet-stream", "buffer": bytes(20 << 20)}
+    large = {"name": "large.npy", "mimeType": "application/octet-stream", "buffer": bytes(2 << 20)}
     page.get_by_label("Choose files").set_input_files([large])
     page.wait_for_function("(bar) => bar.value > 0", arg=uploads.get_by_role("progressbar").element_handle())
     uploads.get_by_role("button", name="Cancel large.npy").click()

@@ -12,13 +12,16 @@ import math
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 from app.server_config import ServerConfig, convert, environment_name
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.settings import SessionOptions
+
+Value = TypeVar("Value")
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
 EXPERIMENTS = ("convergence", "occlusion", "robot", "planning", "push")
@@ -45,9 +48,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments = _parse(sys.argv[1:] if argv is None else argv)
     except SystemExit as done:  # --help, --version, and errors: a caller in the same process wants the status
         return done.code if isinstance(done.code, int) else BAD_INPUT
-    run: Callable[[argparse.Namespace], int] = arguments.run
     try:
-        return run(arguments)
+        # imported here: what a command needs takes long to import, and no other command should wait for it
+        return importlib.import_module(f"app.commands.{arguments.command}").run(arguments)
     except PmpnbpError as error:
         sys.stderr.write(f"pmpnbp {arguments.command}: {error}\n")
         return BAD_INPUT
@@ -90,8 +93,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_estimate(commands)
     _add_serve(commands)
     _add_view(commands)
-    _add_settings(commands)
-    _add_benchmark(commands)
+    commands.add_parser("settings", help="list every setting that --config takes")
+    benchmark = commands.add_parser("benchmark", help="measure speeds, as ratios against references in the same run")
+    benchmark.add_argument("--out", type=Path, metavar="FILE", help="where the figures go, as JSON")
     _add_reproduce(commands)
     return parser
 
@@ -108,7 +112,7 @@ class _Version(argparse.Action):
         super().__init__(option_strings, dest=argparse.SUPPRESS, nargs=0, help=help)
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from app.version import version
+        from pmpnbp.version import version
 
         sys.stdout.write(f"pmpnbp {version()}\n")
         parser.exit()
@@ -154,7 +158,6 @@ def _add_estimate(commands: argparse._SubParsersAction[_Parser]) -> None:
     add("--out", type=Path, metavar="FILE", help="where the result goes; default: standard output")
     add("--recording", type=Path, metavar="FILE", help="every iteration, as one SQLite file")
     add("--quiet", action="store_true", help="no progress on standard error")
-    command.set_defaults(run=_later("estimate"))
 
 
 def _add_serve(commands: argparse._SubParsersAction[_Parser]) -> None:
@@ -175,7 +178,6 @@ def _add_serve(commands: argparse._SubParsersAction[_Parser]) -> None:
         else:
             metavar = {"data_dir": "DIR", "host": "ADDRESS", "token": "TOKEN"}.get(entry.name, "N")
             command.add_argument(_option(entry.name), type=_server_value(entry.name), metavar=metavar, help=text)
-    command.set_defaults(run=_later("serve"))
 
 
 def _add_view(commands: argparse._SubParsersAction[_Parser]) -> None:
@@ -192,18 +194,6 @@ def _add_view(commands: argparse._SubParsersAction[_Parser]) -> None:
     command.add_argument(
         "--no-browser", dest="browser", action="store_false", help="print the link only, open no browser"
     )
-    command.set_defaults(run=_later("view"))
-
-
-def _add_settings(commands: argparse._SubParsersAction[_Parser]) -> None:
-    command = commands.add_parser("settings", help="list every setting that --config takes")
-    command.set_defaults(run=_later("settings"))
-
-
-def _add_benchmark(commands: argparse._SubParsersAction[_Parser]) -> None:
-    command = commands.add_parser("benchmark", help="measure speeds, as ratios against references in the same run")
-    command.add_argument("--out", type=Path, metavar="FILE", help="where the figures go, as JSON")
-    command.set_defaults(run=_later("benchmark"))
 
 
 def _add_reproduce(commands: argparse._SubParsersAction[_Parser]) -> None:
@@ -224,7 +214,6 @@ def _add_reproduce(commands: argparse._SubParsersAction[_Parser]) -> None:
     add("--urdf", type=Path, metavar="FILE", help="robot: another robot, in a scan that is rendered of it")
     add("--processes", type=_whole(1, 256), default=1, metavar="N", help="runs at a time; default: %(default)s")
     add("--on", metavar="ADDRESS", help="a Dask scheduler whose workers make the runs, as tcp://host:8786")
-    command.set_defaults(run=_later("reproduce"))
 
 
 def _option(name: str) -> str:
@@ -232,32 +221,21 @@ def _option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def _later(command: str) -> Callable[[argparse.Namespace], int]:
-    """`run` of a module of `app.commands`, imported when it is called."""
-    return lambda arguments: importlib.import_module(f"app.commands.{command}").run(arguments)
+def _checked(read: Callable[[str], Value], holds: Callable[[Value], bool], expected: str) -> Callable[[str], Value]:
+    """Reads an option whose text is `expected`, where `holds` is true of what `read` makes of it."""
 
+    def parse(text: str) -> Value:
+        with suppress(ValueError):
+            value = read(text)
+            if holds(value):
+                return value
+        raise argparse.ArgumentTypeError(f"{text!r} is not {expected}")
 
-def _roi(text: str) -> list[float]:
-    try:
-        numbers = [float(number) for number in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != 6 or not all(math.isfinite(number) for number in numbers):
-        raise argparse.ArgumentTypeError(f"{text!r} is not six finite numbers with commas between, X0,Y0,Z0,X1,Y1,Z1")
-    return numbers
+    return parse
 
 
 def _whole(low: int, high: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        try:
-            number = int(text)
-        except ValueError:
-            number = low - 1
-        if not low <= number <= high:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {low} to {high}")
-        return number
-
-    return parse
+    return _checked(int, lambda number: low <= number <= high, f"a whole number from {low} to {high}")
 
 
 def _within(name: str, low: int | None = None) -> Callable[[str], int]:
@@ -276,16 +254,6 @@ def _server_value(name: str) -> Callable[[str], Any]:
     return parse
 
 
-def _length(text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not (math.isfinite(number) and number > 0):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a finite number of metres above zero")
-    return number
-
-
 def _assignment(text: str) -> tuple[str, str]:
     name, separator, value = text.partition("=")
     if not separator or not name.strip():
@@ -298,9 +266,19 @@ _OPTIONS: dict[str, tuple[Callable[[str], Any], str]] = {
     "particles": (_within("particles"), "N"),
     "iterations": (_within("iterations", low=0), "N"),  # none at all give the start
     "seed": (_within("seed"), "N"),
-    "roi": (_roi, "X0,Y0,Z0,X1,Y1,Z1"),
+    "roi": (
+        _checked(
+            lambda text: [float(number) for number in text.split(",")],
+            lambda numbers: len(numbers) == 6 and all(map(math.isfinite, numbers)),
+            "six finite numbers with commas between, X0,Y0,Z0,X1,Y1,Z1",
+        ),
+        "X0,Y0,Z0,X1,Y1,Z1",
+    ),
     "prior": (Path, "FILE"),
-    "max_std": (_length, "METRES"),
+    "max_std": (
+        _checked(float, lambda metres: 0 < metres < math.inf, "a finite number of metres above zero"),
+        "METRES",
+    ),
 }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+from functools import cache, partial
 from typing import Any
 
 from fastapi import FastAPI
@@ -36,15 +37,20 @@ PARAMETERS = {f"{kind}_id": f"id of the {kind}, 16 hexadecimal digits" for kind 
 COMMON = (400, 401, 403, 422, 429, 500)
 
 
+def answer(description: str, *, status: int = 200, **members: Any) -> dict[int | str, dict[str, Any]]:
+    """Documentation of what a call answers that goes well, with other `members` (`model`, `content`, `headers`); to be
+    joined with `problems.responses`."""
+    return {status: {"description": description, **members}}
+
+
+BINARY = {"schema": {"type": "string", "format": "binary"}}
+PICTURE = answer("The picture.", content={"image/png": BINARY})
+
+
 def install(app: FastAPI) -> None:
     """Give `app` its OpenAPI document and the page /docs."""
 
-    def document() -> dict[str, Any]:
-        if app.openapi_schema is None:
-            app.openapi_schema = _document(app)
-        return app.openapi_schema
-
-    app.openapi = document  # type: ignore[method-assign]
+    app.openapi = cache(partial(_document, app))  # type: ignore[method-assign]
 
     @app.get("/docs", include_in_schema=False)
     def docs() -> HTMLResponse:
@@ -76,6 +82,8 @@ def _document(app: FastAPI) -> dict[str, Any]:
                 answers.setdefault(str(status), answer)
             for parameter in operation.get("parameters", []):
                 parameter.setdefault("description", PARAMETERS.get(parameter["name"], ""))
+            if "description" in operation:  # a route's docstring, whose lines end where the source's do
+                operation["description"] = " ".join(operation["description"].split())
             operation["security"] = [{}, {"token": []}]
     return found
 

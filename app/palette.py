@@ -7,6 +7,7 @@ further parts take them again, darker, then lighter. tests/app/test_palette.py m
 from __future__ import annotations
 
 from colorsys import hls_to_rgb, rgb_to_hls
+from functools import cache
 
 from pmpnbp.potentials.pixel_kinds import PixelKind
 
@@ -48,12 +49,12 @@ Colour = tuple[int, int, int]
 def part_colour(part: int) -> Colour:
     """Red, green and blue, 0 to 255 sRGB, of the part with this number."""
     use, hue = divmod(part, len(PART_COLOURS))
-    red, green, blue = (value / 255 for value in rgb(PART_COLOURS[hue]))
-    if use % 3:
-        h, lightness, saturation = rgb_to_hls(red, green, blue)
-        lightness = lightness * (1 - _DARKER) if use % 3 == 1 else lightness + (1 - lightness) * _LIGHTER
-        return _of_hls(h, lightness, saturation)
-    return round(red * 255), round(green * 255), round(blue * 255)
+    colour = rgb(PART_COLOURS[hue])
+    if not use % 3:
+        return colour
+    h, lightness, saturation = rgb_to_hls(*(value / 255 for value in colour))
+    lightness = lightness * (1 - _DARKER) if use % 3 == 1 else lightness + (1 - lightness) * _LIGHTER
+    return _of_hls(h, lightness, saturation)
 
 
 def part_colour_on_dark(part: int) -> Colour:
@@ -73,9 +74,10 @@ def contrast(one: Colour, other: Colour) -> float:
     return (lighter + 0.05) / (darker + 0.05)
 
 
-def part_colours(count: int) -> tuple[Colour, ...]:
-    """The colours of parts 0 to `count` - 1."""
-    return tuple(part_colour(part) for part in range(count))
+@cache
+def part_colours(count: int, dark: bool = False) -> tuple[Colour, ...]:
+    """The colours of parts 0 to `count` - 1. dark : where the page is dark"""
+    return tuple(map(part_colour_on_dark if dark else part_colour, range(count)))
 
 
 def rgb(colour: str) -> Colour:

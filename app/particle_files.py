@@ -41,14 +41,10 @@ def _ply(members: Mapping[str, Any], particles: Array, columns: Mapping[str, Arr
     header = [
         "ply",
         "format binary_little_endian 1.0",
-        *(f"comment {name} {_one_line(value)}" for name, value in members.items()),
+        *(f"comment {name} {' '.join(str(value).split())}" for name, value in members.items()),
         f"element vertex {len(particles)}",
         *(f"property double {name}" for name in names),
         "end_header",
     ]
     table = np.column_stack([particles, *columns.values()]).astype("<f8")
     return "\n".join([*header, ""]).encode("ascii", "backslashreplace") + table.tobytes()
-
-
-def _one_line(value: Any) -> str:
-    return " ".join(str(value).split())

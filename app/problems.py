@@ -62,19 +62,17 @@ class Problem(BaseModel):
 class HttpProblem(Exception):
     """A call that cannot be done. `detail` is one sentence, fit to be shown to a user as it stands."""
 
-    def __init__(
-        self, status: int, detail: str, *, title: str | None = None, headers: Mapping[str, str] | None = None
-    ) -> None:
+    def __init__(self, status: int, detail: str, *, headers: Mapping[str, str] | None = None) -> None:
         super().__init__(detail)
         self.status = status
         self.detail = detail
-        self.title = title or http.HTTPStatus(status).phrase
         self.headers = dict(headers or {})
 
 
 def problem_response(problem: HttpProblem) -> Response:
     """`problem` as a response."""
-    body = {"type": "about:blank", "title": problem.title, "status": problem.status, "detail": problem.detail}
+    title = http.HTTPStatus(problem.status).phrase
+    body = {"type": "about:blank", "title": title, "status": problem.status, "detail": problem.detail}
     text = json.dumps(body, ensure_ascii=False, allow_nan=False)
     # "replace": half a surrogate pair in what came must not break the answer that quotes it
     return Response(text.encode("utf-8", "replace"), problem.status, problem.headers, MEDIA_TYPE)

@@ -333,16 +333,3 @@ class Decision(BaseModel):
     links: list[str] = Field(description="the links that were asked about")
     blocking: list[str] = Field(description="those of them that are not certain")
     views: list[View] = Field(description="where to look from next, best first; empty in this version")
-
-
-def answer(
-    description: str,
-    *,
-    status: int = 200,
-    model: type[BaseModel] | None = None,
-    content: dict[str, Any] | None = None,
-    headers: dict[str, Any] | None = None,
-) -> dict[int | str, dict[str, Any]]:
-    """Documentation of what a call answers that goes well, to be joined with `problems.responses`."""
-    given = {"model": model, "content": content, "headers": headers}
-    return {status: {"description": description} | {name: value for name, value in given.items() if value is not None}}

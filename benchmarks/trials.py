@@ -220,10 +220,14 @@ def shortened(settings: Settings, *, search: int, anneal: int, refine: int) -> S
     return changed(settings, counts | {"search_iterations_per_joint": 0, "search_restarts": 0})
 
 
+# A search of few hypotheses goes through the same kernels as one of many.
+_HARDLY_SEARCHED = {"search_proposals": 60, "search_islands": 1}
+
+
 def warm_kernels(case: Case, settings: Settings, method: str = SessionOptions.method) -> None:
     """Have every kernel compiled that `settings` use, by a short run that goes through all stages; what it finds is
     of no interest. Without it the first trial of a process would wait for the compiler, or for its cache."""
-    short = shortened(settings, search=1, anneal=1, refine=1)
+    short = changed(shortened(settings, search=1, anneal=1, refine=1), _HARDLY_SEARCHED)
     run_trial(case, UniformPrior("upright"), short, seed=0, iterations=4, particles=50, method=method)
     link = case.model.parts[0].links[0]
     pose = case.true_poses[0]

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class PmpnbpError(Exception):
     """Base of every error that bad input can cause; its text is fit to be shown to a user as it stands."""
@@ -36,4 +40,19 @@ class DamageError(RecordingError):
 
 
 class DiskFullError(RecordingError):
-    """There is no room left for a recording."""
+    """There is no room left on the disk of the data directory."""
+
+    def __init__(self) -> None:
+        super().__init__("the disk of the data directory is full; nothing was changed")
+
+
+@contextmanager
+def full_disk_told() -> Iterator[None]:
+    """Turns the "no space left" of the system, of SQLite and of a recording's writer into DiskFullError."""
+    try:
+        yield
+    except Exception as error:
+        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+        if full or "disk is full" in str(error):
+            raise DiskFullError from error
+        raise

@@ -21,6 +21,7 @@ LINES = 350
 # From the ground up; a module imports from its own floor and those before it.
 FLOORS = (
     "pmpnbp.errors",
+    "pmpnbp.version",
     "pmpnbp.json_text",
     "pmpnbp.settings",
     "pmpnbp.geometry",

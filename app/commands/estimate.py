@@ -42,9 +42,10 @@ def run(arguments: argparse.Namespace) -> int:
     # imported here: it compiles a kernel, before which a word is said
     from pmpnbp.inference.run import steps
     from pmpnbp.readout.snapshot import Criteria, snapshot
+    from pmpnbp.scene.truth_file import load_truth
 
     problem, inputs = _problem(arguments, cameras)
-    truth = None if arguments.truth is None else _truth(arguments.truth)
+    truth = None if arguments.truth is None else load_truth(arguments.truth)
 
     began = time.perf_counter()
     step: Step | None = None
@@ -68,13 +69,11 @@ def run(arguments: argparse.Namespace) -> int:
     criteria = Criteria(max_std=arguments.max_std, truth=truth)
     elapsed = time.perf_counter() - began
     result = snapshot(problem, step.report, criteria, converged=step.converged, elapsed=elapsed).result
+    if arguments.out is not None or not interrupted:
+        _write(result, arguments.out)
     if not interrupted:
-        _write(result, arguments.out)
         return OK
-    kept = ""
-    if arguments.out is not None:
-        _write(result, arguments.out)
-        kept = f", what was found so far is in '{arguments.out.name}'"
+    kept = "" if arguments.out is None else f", what was found so far is in '{arguments.out.name}'"
     sys.stderr.write(f"pmpnbp estimate: interrupted after iteration {step.iteration}{kept}\n")
     return INTERRUPTED
 
@@ -122,12 +121,6 @@ def _cameras(cameras: Sequence[Path], scans: Sequence[Path]) -> list[Path | None
             f"--camera is given {len(cameras)} times for {len(scans)} scans; expected it once for all or once for each"
         )
     return list(cameras)
-
-
-def _truth(path: Path) -> dict[str, Any]:
-    from pmpnbp.scene.truth_file import load_truth
-
-    return load_truth(path)
 
 
 def _check_inputs(arguments: argparse.Namespace) -> None:

@@ -57,7 +57,7 @@ def take_in(recording: Path, store: Store, config: ServerConfig) -> str:
             staged = staging.folder / recording.name
             _linked_or_copied(recording, staged)
             summary = parsers.parse("recordings", staged, staging.folder / "out")
-            return str(store.add_recording(staged, recording.name, summary)["id"])
+            return str(store.add("recordings", staged, recording.name, summary)["id"])
     except HttpProblem as problem:
         raise RecordingError(problem.detail) from None
     except OSError as error:

@@ -87,9 +87,10 @@ def particle_picture(
     span = _span(cut_depth, cut_rendered)
     outline = _rim(rendered > 0)[rows, columns]
     observed = _depth_colours(cut_depth, span, style)
+    alone = _depth_colours(cut_rendered, span, style)
     panels = (
         ("Observed depth", _with_rim(observed, outline, style)),
-        ("Rendered at this pose", _over(_faded(observed, style), cut_rendered, span, style)),
+        ("Rendered at this pose", np.where(cut_rendered[..., None] > 0, alone, _faded(observed, style))),
         ("Difference", _kind_colours(kinds[rows, columns], _faded(observed, style))),
     )
     counts = {kind: int(np.count_nonzero(kinds == kind)) for kind in KIND_COLOURS}
@@ -146,10 +147,6 @@ def _faded(picture: Picture, style: Style) -> Picture:
     grey = picture.astype(np.float64).mean(axis=-1, keepdims=True)
     paper = np.array(style.paper, dtype=np.float64)
     return np.round(0.76 * paper + 0.24 * np.repeat(grey, 3, axis=-1)).astype(np.uint8)
-
-
-def _over(behind: Picture, rendered: NDArray[np.float32], span: tuple[float, float], style: Style) -> Picture:
-    return np.where((rendered > 0)[..., None], _depth_colours(rendered, span, style), behind)
 
 
 def _kind_colours(kinds: NDArray[np.uint8], behind: Picture) -> Picture:

@@ -7,11 +7,13 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Request, Response
 from pydantic import BaseModel, Field
 
+from app.documentation import answer
 from app.problems import responses
 from app.store.store import KINDS, Document, Kind, Store
 from app.uploads.uploads import Uploads, etag, unchanged
 
 _ETAG = {"ETag": {"description": "of the entry, which never changes", "schema": {"type": "string"}}}
+_NEW = {"Location": {"description": "path of the entry", "schema": {"type": "string"}}} | _ETAG
 
 IF_NONE_MATCH: dict[int | str, dict[str, Any]] = {
     200: {"headers": _ETAG},
@@ -45,10 +47,11 @@ def entry_routes(
         f"/{kind}",
         status_code=201,
         response_model=schema,
-        operation_id=f"create_{noun}",
+        name=f"create_{noun}",
         summary=f"Upload a {noun}",
         description=upload,
-        responses=_created(schema) | responses(408, 409, 413, 415, 507),
+        responses=answer("Taken in, and safe on the disk.", status=201, model=schema, headers=_NEW)
+        | responses(408, 409, 413, 415, 507),
         openapi_extra=form,
     )
     async def create(request: Request, response: Response) -> Any:
@@ -59,7 +62,7 @@ def entry_routes(
     @router.get(
         f"/{kind}",
         response_model=list[schema],  # type: ignore[valid-type]
-        operation_id=f"list_{kind}",
+        name=f"list_{kind}",
         summary=f"All {called}s",
         description=f"Oldest first. {listed}".strip(),
     )
@@ -70,7 +73,7 @@ def entry_routes(
     @router.get(
         path,
         response_model=schema,
-        operation_id=f"get_{noun}",
+        name=f"get_{noun}",
         summary=f"One {called}",
         description="Never changes, as its ETag says: ask with If-None-Match.",
         responses=IF_NONE_MATCH | responses(404),
@@ -93,15 +96,14 @@ def add_deletion(router: APIRouter, kind: Kind) -> None:
     @router.delete(
         f"/{kind}/{{{noun}_id}}",
         status_code=204,
-        operation_id=f"delete_{noun}",
+        name=f"delete_{noun}",
         summary=f"Delete a {noun}",
         description="Only where no session uses it.",
         responses=responses(404, status_409="A session uses it; the detail names it."),
     )
-    def delete(id: Annotated[str, Path(alias=f"{noun}_id")], request: Request) -> Response:
+    def delete(id: Annotated[str, Path(alias=f"{noun}_id")], request: Request) -> None:
         """Forget an entry."""
         store_of(request).delete(kind, id)
-        return Response(status_code=204)
 
 
 def form(file: str, **fields: str) -> dict[str, Any]:
@@ -122,16 +124,9 @@ def form(file: str, **fields: str) -> dict[str, Any]:
 
 def store_of(request: Request) -> Store:
     """The server's store."""
-    store: Store = request.app.state.store
-    return store
+    return request.app.state.store
 
 
 def not_modified(document: Document) -> Response:
     """The answer 304."""
     return Response(status_code=304, headers={"ETag": etag(document)})
-
-
-def _created(model: type[BaseModel]) -> dict[int | str, dict[str, Any]]:
-    """Documentation of the answer 201 with a `model`."""
-    location = {"Location": {"description": "path of the entry", "schema": {"type": "string"}}}
-    return {201: {"model": model, "description": "Taken in, and safe on the disk.", "headers": location | _ETAG}}

@@ -19,7 +19,7 @@ from app.sessions.source import Source
 from pmpnbp.errors import RecordingError
 from pmpnbp.json_text import json_bytes
 
-router = APIRouter(prefix="/api/v1", tags=["events"])
+router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["events"])
 
 Session = Annotated[Source, Depends(find_source)]
 Every = Annotated[float, Query(ge=0, le=10, description="seconds; 0: each iteration as it is made")]
@@ -39,16 +39,9 @@ async def _news(session: Session, every: Every = 0) -> AsyncIterator[News]:
 
 
 @router.get(
-    "/sessions/{session_id}/events",
+    "/events",
     response_class=EventSourceResponse,
-    operation_id="get_events",
     summary="What happens, as it happens",
-    description="Server-sent events. `iteration`: a row of the trace. `state`: state, iteration, iterations, until, "
-    "converged, certain, error, position, as the session has them. `error`: error, iteration. Numbers only rise. A "
-    "stream begins with the newest iteration and the state; with Last-Event-ID, with what came after that event. A "
-    "slow listener may miss iterations, never the newest. With `every`, iterations are gathered and come once in so "
-    "many seconds; states and errors, and the iterations before them, come at once. That of an uploaded recording "
-    "tells how it ends, and stays open.",
     dependencies=[Depends(not_stored)],
     responses=responses(404),
 )
@@ -60,8 +53,14 @@ async def get_events(
     ] = None,
     every: Every = 0,
 ) -> AsyncIterator[ServerSentEvent]:
-    """What came after the last event that was received (none: how things stand), then everything new; ends with the
-    session, or the server."""
+    """Server-sent events. `iteration`: a row of the trace. `state`: state, iteration, iterations, until, converged,
+    certain, error, position, as the session has them. `error`: error, iteration. Numbers only rise. A stream begins
+    with the newest iteration and the state; with Last-Event-ID, with what came after that event. A slow listener may
+    miss iterations, never the newest. With `every`, iterations are gathered and come once in so many seconds; states
+    and errors, and the iterations before them, come at once. That of an uploaded recording tells how it ends, and stays
+    open."""
+    # what came after the last event that was received (none: how things stand), then everything new; ends with the
+    # session, or the server
     events = session.events
     cursor = events.last
     yield RETRY

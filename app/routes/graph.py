@@ -13,20 +13,13 @@ from app.schemas_particles import Graph
 from pmpnbp.readout.estimate import number_or_list
 from pmpnbp.scene.articulated_object import Joint
 
-router = APIRouter(prefix="/api/v1", tags=["results"])
+router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"])
 
 
-@router.get(
-    "/sessions/{session_id}/graph",
-    response_model=Graph,
-    operation_id="get_graph",
-    summary="Parts and joints as a graph",
-    description="The Markov random field: links that move as one are a part, a node; the joints between two parts are "
-    "an edge, along which two messages go.",
-    responses=responses(404, 409),
-)
+@router.get("/graph", response_model=Graph, summary="Parts and joints as a graph", responses=responses(404, 409))
 def get_graph(session_id: SessionId, request: Request) -> Any:
-    """Nodes and edges."""
+    """The Markov random field: links that move as one are a part, a node; the joints between two parts are an edge,
+    along which two messages go."""
     session = sessions_of(request).get(session_id)
     problem = session.archive.read().problem
     model = problem.mrf.model

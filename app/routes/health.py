@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from fastapi import APIRouter, Request, Response
@@ -16,7 +17,7 @@ from pydantic import BaseModel, Field
 from starlette.datastructures import State
 
 from app.problems import HttpProblem, responses
-from app.version import version
+from pmpnbp.version import version
 
 router = APIRouter(tags=["health"])
 
@@ -30,7 +31,7 @@ class Health(BaseModel):
     version: str = Field(description="version of the server", examples=["0.1.0"])
 
 
-@router.get("/healthz", summary="Is the server alive?", operation_id="get_health")
+@router.get("/healthz", summary="Is the server alive?")
 def get_health() -> Health:
     """Answers as long as the process does. Needs no token."""
     return Health(status="ok", version=version())
@@ -39,7 +40,6 @@ def get_health() -> Health:
 @router.get(
     "/readyz",
     summary="Is the server ready?",
-    operation_id="get_readiness",
     responses=responses(status_503="kernels are still being compiled, or the server stops"),
 )
 def get_readiness(request: Request) -> Health:
@@ -52,7 +52,6 @@ def get_readiness(request: Request) -> Health:
 @router.get(
     "/metrics",
     summary="Figures for Prometheus",
-    operation_id="get_metrics",
     response_class=PlainTextResponse,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}, "description": "text format 0.0.4"}},
 )
@@ -63,15 +62,15 @@ def get_metrics(request: Request) -> Response:
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_PLAIN_0_0_4)
 
 
+@dataclass(frozen=True)
 class _Figures(Collector):
     """What an app does at the moment."""
 
-    def __init__(self, state: State) -> None:
-        self._state = state
+    state: State
 
     def collect(self) -> Iterator[Metric]:
         """Each figure, with its help."""
-        state = self._state
+        state = self.state
         yield InfoMetricFamily("pmpnbp", "which version runs", {"version": version()})
         yield GaugeMetricFamily("pmpnbp_ready", "1 once kernels are compiled and the store is open", state.ready)
         yield GaugeMetricFamily("pmpnbp_uptime_seconds", "since the server was started", time.time() - _STARTED)

@@ -26,8 +26,7 @@ Iteration = Annotated[
 
 def sessions_of(request: Request) -> Sessions:
     """All sessions of the server."""
-    sessions: Sessions = request.app.state.sessions
-    return sessions
+    return request.app.state.sessions
 
 
 async def find_source(request: Request, session_id: SessionId) -> Source:

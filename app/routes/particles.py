@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from fastapi import APIRouter, Path, Query, Request, Response
 
+from app.documentation import PICTURE
 from app.pictures.particle_picture import LONGEST, NARROWEST, particle_picture
 from app.problems import HttpProblem, responses
 from app.routes.parameters import Iteration, Link, SessionId, read
-from app.schemas import answer
 from app.schemas_particles import HeaviestParticles, Marginals, ParticleReasons
 from app.sessions.source import Source, no_view
 from pmpnbp.inference.belief import SOURCES
@@ -20,7 +20,7 @@ from pmpnbp.readout.marginals import marginals
 from pmpnbp.readout.particle_terms import ancestor_part, origin, terms
 from pmpnbp.readout.snapshot import Snapshot
 
-router = APIRouter(prefix="/api/v1", tags=["results"])
+router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"])
 
 Index = Annotated[int, Path(ge=0, le=2**31, description="number of the particle, counted from 0")]
 _NOT_HERE = responses(409, status_404="The session, the link or the iteration is not here.")
@@ -28,12 +28,9 @@ _NO_PARTICLE = responses(409, status_404="The session, the link, the iteration o
 
 
 @router.get(
-    "/sessions/{session_id}/beliefs/{link}/marginals",
+    "/beliefs/{link}/marginals",
     response_model=Marginals,
-    operation_id="get_marginals",
     summary="The belief about a link, one number at a time",
-    description="Weighted histograms of position, of roll, pitch and yaw, and of the joints that the link's part hangs "
-    "on.",
     responses=_NOT_HERE,
 )
 def get_marginals(
@@ -43,27 +40,19 @@ def get_marginals(
     iteration: Iteration = None,
     bins: Annotated[int, Query(ge=1, le=400, description="bars of each histogram")] = 40,
 ) -> Any:
-    """The histograms."""
+    """Weighted histograms of position, of roll, pitch and yaw, and of the joints that the link's part hangs on."""
     session, snapshot = read(request, session_id, iteration, [link])
     found = [
-        {
-            "name": one.name,
-            "unit": one.unit,
-            "edges": one.edges.tolist(),
-            "density": one.density.tolist(),
-            "estimate": one.estimate,
-        }
+        vars(one) | {"edges": one.edges.tolist(), "density": one.density.tolist()}
         for one in marginals(snapshot.problem, snapshot.report, link, bins, snapshot.placed)
     ]
     return _head(session, snapshot, link) | {"marginals": found}
 
 
 @router.get(
-    "/sessions/{session_id}/beliefs/{link}/particles",
+    "/beliefs/{link}/particles",
     response_model=HeaviestParticles,
-    operation_id="get_heaviest_particles",
     summary="The heaviest particles of a belief",
-    description="With their weights and where each was proposed from.",
     responses=_NOT_HERE,
 )
 def get_heaviest_particles(
@@ -73,7 +62,7 @@ def get_heaviest_particles(
     iteration: Iteration = None,
     limit: Annotated[int, Query(ge=1, le=20_000, description="particles, at most")] = 50,
 ) -> Any:
-    """The best of them."""
+    """With their weights and where each was proposed from."""
     session, snapshot = read(request, session_id, iteration, [link])
     node = _node(snapshot, link)
     heaviest = np.argsort(-snapshot.report.belief.log_weights[node], kind="stable")[:limit]
@@ -84,23 +73,23 @@ def get_heaviest_particles(
 
 
 @router.get(
-    "/sessions/{session_id}/beliefs/{link}/particles/{index}",
+    "/beliefs/{link}/particles/{index}",
     response_model=ParticleReasons,
-    operation_id="get_particle",
     summary="Why a particle weighs what it does",
-    description="Where it comes from, and the terms of its log weight: the unary potential, the prior and each "
-    "incoming message.",
     responses=_NO_PARTICLE,
 )
 def get_particle(session_id: SessionId, link: Link, index: Index, request: Request, iteration: Iteration = None) -> Any:
-    """The terms."""
+    """Where it comes from, and the terms of its log weight: the unary potential, the prior and each incoming
+    message."""
     session, snapshot = read(request, session_id, iteration, [link])
     node = _node(snapshot, link)
     _check_index(snapshot, index)
     problem, report = snapshot.problem, snapshot.report
     model, joint_positions = problem.mrf.model, report.belief.joint_positions
     found = terms(problem, report, node, index)
-    joints = None if joint_positions is None else model.joint_values(joint_positions[index])
+    joints = None
+    if joint_positions is not None:
+        joints = {name: number_or_list(moved) for name, moved in model.joint_values(joint_positions[index]).items()}
     return without_nan(
         _head(session, snapshot, link)
         | _particle(snapshot, node, index)
@@ -112,38 +101,18 @@ def get_particle(session_id: SessionId, link: Link, index: Index, request: Reque
             "island": int(report.belief.origin.island[node, index]),
             "temperature": float(report.inverse_temperature[node]),
             "log_potential": found.log_potential,
-            "shares": {
-                "unary": found.unary,
-                "prior": found.prior,
-                "messages": {message.sender: message.log_share for message in found.messages},
-                "constant": found.constant,
-            },
-            "messages": [
-                {
-                    "from": message.sender,
-                    "log_share": message.log_share,
-                    "log_unary": message.log_unary,
-                    "log_neighbour": message.log_neighbour,
-                    "joint_draw": message.joint_draw,
-                }
-                for message in found.messages
-            ],
-            "joint_positions": None
-            if joints is None
-            else {name: number_or_list(moved) for name, moved in joints.items()},
+            "shares": vars(found) | {"messages": {message.sender: message.log_share for message in found.messages}},
+            "messages": [{"from": message.sender, **vars(message)} for message in found.messages],
+            "joint_positions": joints,
         }
     )
 
 
 @router.get(
-    "/sessions/{session_id}/beliefs/{link}/particles/{index}/picture.png",
+    "/beliefs/{link}/particles/{index}/picture.png",
     response_class=Response,
-    operation_id="get_particle_picture",
     summary="What speaks for a particle in a scan, and what against",
-    description="Three panels: the observed depth, that of the link's part rendered alone at the particle's pose, and "
-    "what the pixel score makes of their difference: explained, seen through (free space violated), something in "
-    "front, on a support plane, no depth. In the pixels of the inference's working image, cut out around the part.",
-    responses=answer("The picture.", content={"image/png": {"schema": {"type": "string", "format": "binary"}}})
+    responses=PICTURE
     | responses(409, status_404="The session, the link, the iteration, the particle or the view is not here."),
 )
 def get_particle_picture(
@@ -156,7 +125,9 @@ def get_particle_picture(
     width: Annotated[int, Query(ge=NARROWEST, le=LONGEST, description="pixels; the height follows")] = 720,
     theme: Annotated[Literal["light", "dark"], Query(description="of the page it is for")] = "light",
 ) -> Response:
-    """Draw it."""
+    """Three panels: the observed depth, that of the link's part rendered alone at the particle's pose, and what the
+    pixel score makes of their difference: explained, seen through (free space violated), something in front, on a
+    support plane, no depth. In the pixels of the inference's working image, cut out around the part."""
     session, snapshot = read(request, session_id, iteration, [link])
     _check_index(snapshot, index)
     views = len(snapshot.problem.observation.views)

@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
+from app.documentation import PICTURE
 from app.pictures.part_images import DrawingError
 from app.pictures.pictures import LONGEST, Pictures
 from app.problems import HttpProblem, responses
 from app.routes.parameters import SessionId, read
 
-router = APIRouter(prefix="/api/v1", tags=["results"])
+router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"])
 
 NARROWEST = 32
-_PICTURE: dict[int | str, dict[str, Any]] = {
-    200: {"description": "The picture.", "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}}}
-}
 
 
 @router.get(
-    "/sessions/{session_id}/estimate.png",
+    "/estimate.png",
     response_class=Response,
-    operation_id="get_estimate_picture",
     summary="The estimate drawn over a scan",
-    description="The scan's depth in greys as its camera sees it, nearer is lighter, and over it the parts where the "
-    "estimate has them, one colour each; where something stands in front of a part only a tint of it is drawn.",
-    responses=_PICTURE | responses(404, 409, status_503="This machine has no OpenGL to draw with."),
+    responses=PICTURE | responses(404, 409, status_503="This machine has no OpenGL to draw with."),
 )
 def get_estimate_picture(
     request: Request,
@@ -43,7 +38,8 @@ def get_estimate_picture(
         ),
     ] = None,
 ) -> Response:
-    """Draw it, or find it drawn."""
+    """The scan's depth in greys as its camera sees it, nearer is lighter, and over it the parts where the estimate has
+    them, one colour each; where something stands in front of a part only a tint of it is drawn."""
     pictures: Pictures = request.app.state.pictures
     session, snapshot = read(request, session_id, iteration)
     scan_name, scan = session.scan(view)

@@ -9,6 +9,7 @@ from fastapi import Request, Response
 from fastapi.responses import FileResponse
 from pydantic import Field
 
+from app.documentation import BINARY
 from app.problems import responses
 from app.routes.entries import IF_NONE_MATCH, Stored, entry_routes, form, not_modified, store_of
 from app.routes.parameters import sessions_of
@@ -18,11 +19,7 @@ from app.uploads.uploads import etag, unchanged
 MEDIA_TYPE = "application/vnd.sqlite3"
 FILE: dict[int | str, dict[str, Any]] = {
     **IF_NONE_MATCH,
-    200: {
-        **IF_NONE_MATCH[200],
-        "description": "The file.",
-        "content": {MEDIA_TYPE: {"schema": {"type": "string", "format": "binary"}}},
-    },
+    200: {**IF_NONE_MATCH[200], "description": "The file.", "content": {MEDIA_TYPE: BINARY}},
 }
 
 
@@ -54,13 +51,11 @@ router = entry_routes(
 @router.get(
     "/recordings/{recording_id}/file",
     response_class=FileResponse,
-    operation_id="download_recording",
     summary="Download an uploaded recording",
-    description="The SQLite file, byte for byte as it was uploaded.",
     responses=FILE | responses(404),
 )
 def download_recording(recording_id: str, request: Request) -> Response:
-    """The file of an uploaded recording."""
+    """The SQLite file, byte for byte as it was uploaded."""
     document = store_of(request).document("recordings", recording_id)
     if unchanged(request, document):
         return not_modified(document)
@@ -70,15 +65,10 @@ def download_recording(recording_id: str, request: Request) -> Response:
 
 
 @router.delete(
-    "/recordings/{recording_id}",
-    status_code=204,
-    operation_id="delete_recording",
-    summary="Delete an uploaded recording",
-    responses=responses(404),
+    "/recordings/{recording_id}", status_code=204, summary="Delete an uploaded recording", responses=responses(404)
 )
-def delete_recording(recording_id: str, request: Request) -> Response:
+def delete_recording(recording_id: str, request: Request) -> None:
     """Forget an uploaded recording."""
     store_of(request).delete("recordings", recording_id)
     sessions_of(request).forget_recording(recording_id)
     request.app.state.views.close_session(recording_id)
-    return Response(status_code=204)

@@ -15,19 +15,21 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
 from app import schemas
+from app.documentation import BINARY, answer
 from app.particle_files import MEDIA_TYPES, Format, written
 from app.problems import HttpProblem, responses
 from app.routes.parameters import Iteration, Link, SessionId, check_links, find_source, read, sessions_of
+from app.routes.recordings import MEDIA_TYPE
 from app.sessions.source import Source
-from app.store.atomic_files import full_disk_as_problem
 from app.store.store import safe_name
+from pmpnbp.errors import full_disk_told
 from pmpnbp.geometry import poses
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.estimate import parts_of_links
 from pmpnbp.readout.snapshot import Snapshot
 from pmpnbp.settings import SessionOptions
 
-router = APIRouter(prefix="/api/v1", tags=["results"])
+router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"])
 
 FormatQuery = Annotated[
     Format,
@@ -38,20 +40,16 @@ FormatQuery = Annotated[
     ),
 ]
 Wait = Literal["certain", "converged", "idle"]
-_BINARY = {"schema": {"type": "string", "format": "binary"}}
 # Bytes of a recording sent at a time.
 _CHUNK = 1 << 18
-_FILES = {"application/octet-stream": _BINARY}
+_FILES = {"application/octet-stream": BINARY}
 
 
 @router.get(
-    "/sessions/{session_id}/estimate",
+    "/estimate",
     response_class=Response,
-    operation_id="get_estimate",
     summary="Where every link is, and how sure that is",
-    description="result.json with `session_id` and `state`. With `wait` the answer comes as soon as that is so, or the "
-    "session does not iterate, or the time is over; the answer itself tells which.",
-    responses=schemas.answer("The estimate.", model=schemas.Estimate) | responses(404, 409),
+    responses=answer("The estimate.", model=schemas.Estimate) | responses(404, 409),
 )
 async def get_estimate(
     session_id: SessionId,
@@ -60,7 +58,9 @@ async def get_estimate(
     wait: Annotated[Wait | None, Query(description="what to wait for; with `iteration` nothing is waited for")] = None,
     timeout: Annotated[float, Query(ge=0, le=600, description="seconds to wait, at most")] = 30.0,
 ) -> Response:
-    """The newest at once where it was asked for before; all else in a thread."""
+    """result.json with `session_id` and `state`. With `wait` the answer comes as soon as that is so, or the session
+    does not iterate, or the time is over; the answer itself tells which."""
+    # the newest at once where it was asked for before; all else in a thread
     session = await find_source(request, session_id)
     snapshot = session.archive.present
     if snapshot is None or iteration is not None or wait is not None:
@@ -68,12 +68,8 @@ async def get_estimate(
     tail = json_bytes({"session_id": session.id, "state": session.state})
     text = snapshot.known_text
     if text is None:
-        text = await anyio.to_thread.run_sync(_text, snapshot)
+        text = await anyio.to_thread.run_sync(lambda: snapshot.result_text)
     return Response(text[:-1] + b"," + tail[1:], media_type="application/json")
-
-
-def _text(snapshot: Snapshot) -> bytes:
-    return snapshot.result_text
 
 
 def _asked_for(session: Source, iteration: int | None, wait: Wait | None, timeout: float) -> Snapshot:
@@ -87,7 +83,7 @@ def _await(session: Source, wait: Wait, timeout: float) -> None:
     end = session.events.listen(changed.set)
     try:
         until = time.monotonic() + timeout
-        while not (session.idle or session.events.closed or _reached(session, wait)):
+        while not (session.idle or session.events.closed or (wait != "idle" and session.progress()[wait])):
             left = until - time.monotonic()
             if left <= 0:
                 return
@@ -97,25 +93,18 @@ def _await(session: Source, wait: Wait, timeout: float) -> None:
         end()
 
 
-def _reached(session: Source, wait: Wait) -> bool:
-    progress = session.progress()
-    return wait != "idle" and bool(progress[wait])
-
-
 @router.get(
-    "/sessions/{session_id}/beliefs/{link}",
+    "/beliefs/{link}",
     response_class=Response,
-    operation_id="get_belief",
     summary="The belief about a link",
-    description="Its particles: poses of the link in world, metres, with log weights. Links that move as one part have "
-    "the part's particles, carried to each of them.",
-    responses=schemas.answer("The particles.", model=schemas.BeliefParticles, content=_FILES)
+    responses=answer("The particles.", model=schemas.BeliefParticles, content=_FILES)
     | responses(409, status_404="The session, the link or the iteration is not here."),
 )
 def get_belief(
     session_id: SessionId, link: Link, request: Request, iteration: Iteration = None, form: FormatQuery = "json"
 ) -> Response:
-    """The particles."""
+    """Its particles: poses of the link in world, metres, with log weights. Links that move as one part have the part's
+    particles, carried to each of them."""
     session, snapshot = read(request, session_id, iteration, [link])
     model, belief = snapshot.problem.mrf.model, snapshot.report.belief
     node = parts_of_links(model)[link]
@@ -126,13 +115,10 @@ def get_belief(
 
 
 @router.get(
-    "/sessions/{session_id}/messages/{sender}/{receiver}",
+    "/messages/{sender}/{receiver}",
     response_class=Response,
-    operation_id="get_message",
     summary="What one part says about another",
-    description="The message between two parts that a joint connects: poses of the receiver's link in world, metres, "
-    "with log weights. A part is named by any of its links. The search and the particle filter send no messages.",
-    responses=schemas.answer("The particles.", model=schemas.MessageParticles, content=_FILES)
+    responses=answer("The particles.", model=schemas.MessageParticles, content=_FILES)
     | responses(409, status_404="The session, a link or the iteration is not here, or no message goes there."),
 )
 def get_message(
@@ -143,24 +129,22 @@ def get_message(
     iteration: Iteration = None,
     form: FormatQuery = "json",
 ) -> Response:
-    """The particles."""
+    """The message between two parts that a joint connects: poses of the receiver's link in world, metres, with log
+    weights. A part is named by any of its links. The search and the particle filter send no messages."""
     session, snapshot = read(request, session_id, iteration, [sender, receiver])
     parts, messages = snapshot.problem.mrf.model.parts, snapshot.report.messages
     if messages is None:
         raise HttpProblem(404, f"iteration {snapshot.iteration} ({snapshot.report.stage}) has no messages")
-    ends = [next((n for n, part in enumerate(parts) if link in part.links), None) for link in (sender, receiver)]
-    found = [
-        number
-        for number, pair in enumerate(zip(messages.sender.tolist(), messages.receiver.tolist(), strict=True))
-        if list(pair) == ends
-    ]
-    if not found:
-        known = [f"{parts[s].name} to {parts[r].name}" for s, r in zip(messages.sender, messages.receiver, strict=True)]
+    pairs = list(zip(messages.sender.tolist(), messages.receiver.tolist(), strict=True))
+    source, target = (
+        next((n for n, part in enumerate(parts) if link in part.links), -1) for link in (sender, receiver)
+    )
+    if (source, target) not in pairs:
+        known = [f"{parts[s].name} to {parts[r].name}" for s, r in pairs]
         raise HttpProblem(
             404, f"no message goes from '{sender:.60}' to '{receiver:.60}'; there are {', '.join(known) or 'none'}"
         )
-    number, (source, target) = found[0], (int(messages.sender[found[0]]), int(messages.receiver[found[0]]))
-    part = parts[target]
+    number, part = pairs.index((source, target)), parts[target]
     particles = poses.multiply(messages.poses[number], part.poses_part_link[part.links.index(receiver)])
     members = _members(session, snapshot) | {"from": parts[source].name, "to": part.name, "link": receiver}
     columns = {
@@ -172,13 +156,10 @@ def get_message(
 
 
 @router.get(
-    "/sessions/{session_id}/trace",
+    "/trace",
     response_class=Response,
-    operation_id="get_trace",
     summary="All iterations at a glance",
-    description="Per iteration: seconds, effective sample size by part, log-likelihood, standard deviations by link "
-    "(metres), and ADD by part (metres) where the truth is known. Rows may be missing where a recording is damaged.",
-    responses=schemas.answer("The trace.", model=schemas.Trace) | responses(404, 409),
+    responses=answer("The trace.", model=schemas.Trace) | responses(404, 409),
 )
 def get_trace(
     session_id: SessionId,
@@ -189,7 +170,8 @@ def get_trace(
         int | None, Query(ge=1, le=2**31, description="rows, at most: of more, evenly chosen ones, and the last")
     ] = None,
 ) -> Response:
-    """The rows as they were recorded."""
+    """Per iteration: seconds, effective sample size by part, log-likelihood, standard deviations by link (metres), and
+    ADD by part (metres) where the truth is known. Rows may be missing where a recording is damaged."""
     session = sessions_of(request).get(session_id)
     found = session.archive.rows(after, last)
     if limit is not None and len(found) > limit:
@@ -200,11 +182,9 @@ def get_trace(
 
 
 @router.get(
-    "/sessions/{session_id}/decision",
+    "/decision",
     response_model=schemas.Decision,
-    operation_id="get_decision",
     summary="Act, or look again?",
-    description="act where every asked link's std_xyz is at most max_std along each axis, by the newest iteration.",
     responses=responses(409, status_404="The session or a link is not here."),
 )
 def get_decision(
@@ -218,7 +198,7 @@ def get_decision(
         Query(gt=0, le=1e6, description="metres; default: the session's", examples=[SessionOptions.max_std]),
     ] = None,
 ) -> Any:
-    """Decide by the belief's covariance."""
+    """act where every asked link's std_xyz is at most max_std along each axis, by the newest iteration."""
     session, snapshot = read(request, session_id)
     names = snapshot.problem.mrf.model.links
     asked = [*names] if links is None else list(dict.fromkeys(links.split(",")))
@@ -239,19 +219,18 @@ def get_decision(
 
 
 @router.get(
-    "/sessions/{session_id}/recording",
+    "/recording",
     response_class=StreamingResponse,
-    operation_id="get_recording_of_session",
     summary="The session as a file",
-    description="A consistent copy, also while the session runs: model, scans, settings and every iteration so far. "
-    "POST /api/v1/recordings takes it, and `pmpnbp view` opens it.",
-    responses=schemas.answer("A SQLite file.", content={"application/vnd.sqlite3": _BINARY}) | responses(404, 409, 507),
+    responses=answer("A SQLite file.", content={MEDIA_TYPE: BINARY}) | responses(404, 409, 507),
 )
 def get_recording_of_session(session_id: SessionId, request: Request) -> StreamingResponse:
-    """Copy, and send the copy, which has no name any more: nothing is left of it, however the call ends."""
+    """A consistent copy, also while the session runs: model, scans, settings and every iteration so far. POST
+    /api/v1/recordings takes it, and `pmpnbp view` opens it."""
+    # the copy has no name any more when it is sent: nothing is left of it, however the call ends
     session = sessions_of(request).get(session_id)
     title = safe_name(f"{session.status()['name'] or session.id}.sqlite")
-    with full_disk_as_problem(), TemporaryDirectory(dir=request.app.state.store.root / "incoming") as folder:
+    with full_disk_told(), TemporaryDirectory(dir=request.app.state.store.root / "incoming") as folder:
         copy = FilePath(folder) / "recording.sqlite"
         session.archive.copy_to(copy)
         file = copy.open("rb")
@@ -259,7 +238,7 @@ def get_recording_of_session(session_id: SessionId, request: Request) -> Streami
         "Content-Disposition": f'attachment; filename="{title}"',
         "Content-Length": str(os.fstat(file.fileno()).st_size),
     }
-    return StreamingResponse(_chunks(file), media_type="application/vnd.sqlite3", headers=headers)
+    return StreamingResponse(_chunks(file), media_type=MEDIA_TYPE, headers=headers)
 
 
 def _chunks(file: BinaryIO) -> Iterator[bytes]:

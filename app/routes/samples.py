@@ -9,13 +9,13 @@ from pydantic import BaseModel, Field
 
 from app.problems import responses
 from app.routes.parameters import sessions_of
-from app.schemas import Body, Session, answer
+from app.routes.sessions import MADE
+from app.schemas import Body, Session
 from app.sessions.sample import SAMPLES
 
 router = APIRouter(prefix="/api/v1", tags=["sessions"])
 
 Scene = Literal["open", "self_occluded", "arm", "blanket", "closed", "from_above", "door", "robot", "robot_partial"]
-_LOCATION = {"Location": {"description": "path of the session", "schema": {"type": "string"}}}
 
 
 class SampleScene(BaseModel):
@@ -33,9 +33,7 @@ class SampleRequest(Body):
     run: bool = Field(True, description="whether to iterate at once, until the inference is at rest")
 
 
-@router.get(
-    "/samples", response_model=list[SampleScene], operation_id="list_samples", summary="Scenes of the sample data"
-)
+@router.get("/samples", response_model=list[SampleScene], summary="Scenes of the sample data")
 def list_samples() -> Any:
     """Every scene that a sample session can look at."""
     return [{"scene": sample.scene, "name": sample.name, "about": sample.about} for sample in SAMPLES]
@@ -45,14 +43,12 @@ def list_samples() -> Any:
     "/sessions/sample",
     status_code=201,
     response_model=Session,
-    operation_id="create_sample_session",
     summary="Open a sample session",
-    description="A new session with model, scan, region of interest and truth of a sample scene. Model and scan are "
-    "kept once, however many sessions look at them.",
-    responses=answer("Made, and safe on the disk.", status=201, headers=_LOCATION) | responses(409, 507),
+    responses=MADE | responses(409, 507),
 )
 def create_sample_session(body: SampleRequest, request: Request, response: Response) -> Any:
-    """Make it and, where it was asked for, set it going."""
+    """A new session with model, scan, region of interest and truth of a sample scene. Model and scan are kept once,
+    however many sessions look at them."""
     session = sessions_of(request).sample(body.scene)
     if body.run:
         session.run(until="converged")

@@ -40,7 +40,7 @@ class AllSettings(BaseModel):
 _KINDS: dict[type, str] = {bool: "boolean", int: "integer", float: "number", str: "string"}
 
 
-@router.get("/settings", summary="Every setting", operation_id="list_settings")
+@router.get("/settings", summary="Every setting")
 def list_settings() -> AllSettings:
     """Name, default, unit and one line of help of everything that a session's `config` takes; lengths are in metres,
     angles in radians."""

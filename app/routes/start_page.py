@@ -30,9 +30,8 @@ def start() -> FileResponse:
 
 @router.get("/sessions/{session_id}")
 @router.get("/sessions/{session_id}/")
-def session_page(session_id: str) -> FileResponse:
+def session_page() -> FileResponse:
     """The page of one session or recording, which asks for it itself and says where there is none."""
-    del session_id
     return _file("session.html")
 
 

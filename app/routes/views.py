@@ -10,10 +10,10 @@ from fastapi import APIRouter, Depends, Path, Request, Response
 from fastapi.responses import HTMLResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
+from app.documentation import answer
 from app.problems import HttpProblem, responses
 from app.routes.event_stream import RETRY, News, news, not_stored
 from app.routes.parameters import SourceId, sessions_of
-from app.schemas import answer
 from app.security import VIEW_POLICY
 from app.sessions.source import Source
 from app.store.store import safe_name
@@ -24,75 +24,67 @@ from pmpnbp.json_text import json_bytes
 from pmpnbp.scene.prior import load_prior
 
 router = APIRouter(prefix="/api/v1", tags=["views"])
+of_a_view = APIRouter(prefix="/sessions/{session_id}/views/{view_id}")
 
 ViewId = Annotated[
     str, Path(description="name of the view: up to 64 letters, digits, - and _; the 3D view of that name shows it")
 ]
 
 
-@router.get(
-    "/sessions/{session_id}/views/{view_id}",
-    response_model=ViewStatus,
-    operation_id="get_view",
-    summary="What a 3D view shows",
-    description="A view that is not there is made; one that nobody looks at goes after a minute.",
-    responses=responses(404),
-)
-def get_view(session_id: SourceId, view_id: ViewId, request: Request) -> Any:
-    """Its state."""
-    with _view(request, session_id, view_id) as view:
-        return view.answer()
+def _kept(session_id: SourceId, view_id: ViewId, request: Request) -> Iterator[View]:
+    views: Views = request.app.state.views
+    view = views.keep(session_id, view_id, sessions_of(request).get)
+    try:
+        yield view
+    finally:
+        views.release(view)
 
 
-@router.patch(
-    "/sessions/{session_id}/views/{view_id}",
+# A view, kept open while a call looks at it.
+KeptView = Annotated[View, Depends(_kept)]
+
+
+@of_a_view.get("", response_model=ViewStatus, summary="What a 3D view shows", responses=responses(404))
+def get_view(view: KeptView) -> Any:
+    """A view that is not there is made; one that nobody looks at goes after a minute."""
+    return view.answer()
+
+
+@of_a_view.patch(
+    "",
     response_model=ViewStatus,
-    operation_id="change_view",
     summary="Change what a 3D view shows",
-    description="Members that are not named stay, and so do layers that `show` does not name. Another `part` forgets "
-    "the `particle`.",
     responses=responses(409, status_404="The session, or the one to compare it with, is not here."),
 )
 def change_view(session_id: SourceId, view_id: ViewId, body: ViewState, request: Request) -> Any:
-    """Change it, where all of it is possible."""
-    with _view(request, session_id, view_id) as view:
+    """Members that are not named stay, and so do layers that `show` does not name. Another `part` forgets the
+    `particle`."""
+    with contextmanager(_kept)(session_id, view_id, request) as view:  # no dependency: a bad body must open no view
         source = sessions_of(request).get(session_id)
         _check(body, source, request)
         view.change(body)
         if "show" in body.model_fields_set:
             with_handles(view, source)
-        if "camera" in body.model_fields_set:
-            painter = _views(request).painter(view)
-            if painter is not None:
-                painter.camera.look(view.state.camera)
+        if "camera" in body.model_fields_set and view.painter is not None:
+            view.painter.camera.look(view.state.camera)
         return view.answer()
 
 
-def _kept(session_id: SourceId, view_id: ViewId, request: Request) -> Iterator[View]:
-    with _view(request, session_id, view_id) as view:
-        yield view
-
-
-async def _news(view: Annotated[View, Depends(_kept)]) -> AsyncIterator[News]:
+async def _news(view: KeptView) -> AsyncIterator[News]:
     with news(view.listen) as found:
         yield found
 
 
-@router.get(
-    "/sessions/{session_id}/views/{view_id}/events",
+@of_a_view.get(
+    "/events",
     response_class=EventSourceResponse,
-    operation_id="get_view_events",
     summary="What changes in a 3D view, as it changes",
-    description="Server-sent events. `view`: the whole state, first as it is, then after each change, those made in "
-    "the scene too: a click on a particle, a dragged handle, another place to look from. `drawn`: what was drawn, each "
-    "time.",
     dependencies=[Depends(not_stored)],
     responses=responses(404),
 )
-async def get_view_events(
-    view: Annotated[View, Depends(_kept)], fresh: Annotated[News, Depends(_news)]
-) -> AsyncIterator[ServerSentEvent]:
-    """The stream; it ends with the view."""
+async def get_view_events(view: KeptView, fresh: Annotated[News, Depends(_news)]) -> AsyncIterator[ServerSentEvent]:
+    """Server-sent events. `view`: the whole state, first as it is, then after each change, those made in the scene too:
+    a click on a particle, a dragged handle, another place to look from. `drawn`: what was drawn, each time."""
     yield RETRY
     kinds = {"view"}
     while not view.closed:
@@ -102,46 +94,29 @@ async def get_view_events(
         kinds = {"view" if what == "clients" else what for what in await fresh.words()}
 
 
-@router.get(
-    "/sessions/{session_id}/views/{view_id}/scene.html",
+@of_a_view.get(
+    "/scene.html",
     response_class=HTMLResponse,
-    operation_id="get_view_scene",
     summary="The scene as a page that needs no server",
-    description="What the view shows now, to be kept or sent: it can be looked at from all sides, but does not change.",
     responses=answer("The page.", content={"text/html": {"schema": {"type": "string"}}}) | responses(404, 409),
 )
-def get_view_scene(session_id: SourceId, view_id: ViewId, request: Request) -> Response:
-    """Draw, and write down what was drawn."""
-    with _view(request, session_id, view_id) as view:
-        painter = _views(request).painter(view)
-        if painter is None:
-            raise HttpProblem(404, f"view '{view_id}' is closed")
-        text = painter.html()
-        stem = safe_name(f"{session_id}-{0 if view.drawn is None else view.drawn.iteration}.html")
+def get_view_scene(view: KeptView) -> Response:
+    """What the view shows now, to be kept or sent: it can be looked at from all sides, but does not change."""
+    if view.painter is None:
+        raise HttpProblem(404, f"view '{view.view_id}' is closed")
+    text = view.painter.html()
+    stem = safe_name(f"{view.session_id}-{0 if view.drawn is None else view.drawn.iteration}.html")
     headers = {"Content-Security-Policy": VIEW_POLICY, "Content-Disposition": f'attachment; filename="{stem}"'}
     return HTMLResponse(text, headers=headers)
 
 
-@router.get("/view-state", operation_id="describe_view_state", summary="The members of a 3D view's state")
+router.include_router(of_a_view)
+
+
+@router.get("/view-state", summary="The members of a 3D view's state")
 def describe_view_state() -> dict[str, Any]:
     """As a JSON schema: default, bounds or choices, and meaning of each member; of each layer its name for people."""
     return ViewState.model_json_schema()
-
-
-@contextmanager
-def _view(request: Request, session_id: str, view_id: str) -> Iterator[View]:
-    """A view, kept open while a call looks at it."""
-    views = _views(request)
-    view = views.keep(session_id, view_id, sessions_of(request).get)
-    try:
-        yield view
-    finally:
-        views.release(view)
-
-
-def _views(request: Request) -> Views:
-    views: Views = request.app.state.views
-    return views
 
 
 def _check(change: ViewState, source: Source, request: Request) -> None:

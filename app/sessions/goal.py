@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from concurrent.futures import Future
 from dataclasses import dataclass, field
-from typing import Literal
 
+from app.schemas import Until
 from pmpnbp.readout.snapshot import Snapshot
-
-Until = Literal["iterations", "converged", "certain"]
 
 
 @dataclass(frozen=True)

@@ -101,7 +101,7 @@ def _model(store: Store, parsers: Parsers, staging: Staging, folder: Path) -> st
     if found is not None:
         return found
     summary = parsers.parse("models", staged, staging.folder / "model.out", None)
-    return str(store.add_model(staged, staged.name, summary)["id"])
+    return str(store.add("models", staged, staged.name, summary)["id"])
 
 
 def _scan(store: Store, parsers: Parsers, staging: Staging, place: Path) -> str:
@@ -110,7 +110,7 @@ def _scan(store: Store, parsers: Parsers, staging: Staging, place: Path) -> str:
     shutil.copyfile(place / "depth.png", depth)
     shutil.copyfile(place / "camera.json", camera)
     summary = parsers.parse("scans", depth, out, camera)
-    return _known(store.documents("scans"), out) or str(store.add_scan(out, depth.name, summary)["id"])
+    return _known(store.documents("scans"), out) or str(store.add("scans", out, depth.name, summary)["id"])
 
 
 def _known(entries: list[dict[str, Any]], file: Path) -> str | None:
@@ -120,5 +120,4 @@ def _known(entries: list[dict[str, Any]], file: Path) -> str | None:
 
 
 def _json(path: Path) -> dict[str, Any]:
-    members: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return members
+    return json.loads(path.read_text(encoding="utf-8"))

@@ -17,16 +17,17 @@ from functools import partial
 from typing import Any, TypeVar
 
 from app.problems import HttpProblem
+from app.schemas import Until
 from app.sessions import document as documents
 from app.sessions.document import Document
 from app.sessions.events import Event, Events
-from app.sessions.goal import Goal, Until
+from app.sessions.goal import Goal
 from app.sessions.recorded_inference import RecordedInference
 from app.sessions.run_queue import RunQueue
 from app.sessions.source import Source, no_view
 from app.sessions.worker import Worker
 from app.store.store import Store
-from pmpnbp.errors import PmpnbpError, RecordingError
+from pmpnbp.errors import DiskFullError, PmpnbpError, RecordingError
 from pmpnbp.inference.problem import Problem
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.snapshot import Snapshot
@@ -57,7 +58,8 @@ class Session(Source):
         self._worker = Worker(f"session-{id}", self._pursue_goal, archive.abandon, partial(slots.nudge, self))
         self._goal: Goal | None = None
         self._closed = False
-        self._state = "paused"
+        self.state = "paused"
+        self.truth_known = document.get("truth") is not None
         self._error: str | None = None
         self._target: int = document.get("iterations") or 0
         self._until: Until = "iterations"
@@ -81,7 +83,7 @@ class Session(Source):
             self._document["changes"] = [json.loads(change.note) for change in changes]
         except (PmpnbpError, OSError, ValueError) as error:
             self.archive.damage = self._error = str(error)
-            self._state = "failed"
+            self.state = "failed"
 
     # What it is asked for
 
@@ -124,11 +126,6 @@ class Session(Source):
 
     # What it tells
 
-    @property
-    def state(self) -> str:
-        """What it is doing."""
-        return self._state
-
     def status(self) -> dict[str, Any]:
         """What REST shows of the session."""
         with self._lock:
@@ -165,11 +162,6 @@ class Session(Source):
             raise no_view(self, view, len(scans))
         return scans[view], self._store.load_scan(scans[view])
 
-    @property
-    def truth_known(self) -> bool:
-        """Whether it was made with a truth."""
-        return self._document.get("truth") is not None
-
     # The thread
 
     def _submit(self, action: Callable[[], Kind]) -> Future[Kind]:
@@ -186,10 +178,10 @@ class Session(Source):
             self._check_open()
             self.archive.check()
             if self._goal is not None:
-                raise HttpProblem(409, f"session '{self.id}' is {self._state}; pause it first")
+                raise HttpProblem(409, f"session '{self.id}' is {self.state}; pause it first")
             self._goal, self._target, self._until = goal, goal.last, goal.until
             self._error = None
-            self._state = "running" if self._slots.take(self) else "waiting"
+            self.state = "running" if self._slots.take(self) else "waiting"
             self._worker.wake()
 
     def _pursue_goal(self) -> bool:
@@ -229,7 +221,7 @@ class Session(Source):
         """Come to rest in `state`, with everything written."""
         self.archive.flush()
         with self._lock:
-            goal, self._goal, self._state = self._goal, None, state
+            goal, self._goal, self.state = self._goal, None, state
             self._slots.leave(self)
             self._turn = 0
         self._tell()
@@ -244,7 +236,7 @@ class Session(Source):
         at = self.archive.iteration
         sentence = str(error) if expected else f"iteration {at + 1} could not be made: {type(error).__name__}: {error}"
         with self._lock:
-            goal, self._goal, self._state, self._error = self._goal, None, "failed", sentence
+            goal, self._goal, self.state, self._error = self._goal, None, "failed", sentence
             self._slots.leave(self)
             self._turn = 0
         self._tell()
@@ -255,9 +247,9 @@ class Session(Source):
     def _tell(self, state: str | None = None) -> None:
         """Be in `state`, where it is given, and say what is new of it."""
         with self._lock:
-            self._state = state or self._state
+            self.state = state or self.state
             place, changes = self._slots.position(self), self.archive.changes
-            announced = (self._state, place, self._target, self._until, self._error, changes)
+            announced = (self.state, place, self._target, self._until, self._error, changes)
             if announced == self._announced:
                 return
             self._announced = announced
@@ -273,7 +265,7 @@ class Session(Source):
             self._document["events"] = limit
             try:
                 self._store.write_session(self.id, self._document)
-            except HttpProblem:  # a full disk: clients may see numbers again after a restart
+            except (HttpProblem, DiskFullError):  # a full disk: clients may see numbers again after a restart
                 _log.warning("session %s: the numbers of its events could not be written down", self.id)
 
     # Commands, in the thread
@@ -331,12 +323,12 @@ class Session(Source):
     def _progress(self) -> dict[str, Any]:
         row, changed = self.archive.row, self.archive.changed_since
         return {
-            "state": self._state,
+            "state": self.state,
             "iteration": row["iteration"],
             "iterations": self._target,
             "until": self._until,
             "converged": row["converged"] and not changed,
             "certain": row["certain"] and not changed,
             "error": self._error,
-            "position": self._slots.position(self) if self._state == "waiting" else None,
+            "position": self._slots.position(self) if self.state == "waiting" else None,
         }

@@ -21,6 +21,7 @@ from app.sessions.source import Source
 from app.sessions.uploaded import UploadedRecording
 from app.sessions.worker import share_interpreter
 from app.store.store import Store
+from pmpnbp.errors import DiskFullError
 from pmpnbp.settings import SessionOptions
 
 # A session as it is asked for, where nothing is said.
@@ -153,8 +154,8 @@ class Sessions:
         if found is None:
             try:
                 found = self.sample("open")
-            except HttpProblem as problem:
-                _log.warning("no sample session is opened: %s", problem.detail)
+            except (HttpProblem, DiskFullError) as problem:
+                _log.warning("no sample session is opened: %s", problem)
                 return None
         status = found.status()
         if status["state"] == "paused" and not status["converged"]:

@@ -15,19 +15,20 @@ from pmpnbp.scene.observation import Scan
 
 
 class Source(ABC):
-    """Iterations, and what happens. Any thread may call what is public."""
+    """Iterations, and what happens. Any thread may call what is public.
+
+    state : `paused`, `waiting` (for a slot), `running` or `failed`; of a recording `recorded`
+    truth_known : whether it is told where the links really are; recordings keep no truth
+    """
 
     kind: Literal["session", "recording"]
+    state: str
+    truth_known: bool = False
 
     def __init__(self, id: str, events: Events, archive: IterationArchive) -> None:
         self.id = id
         self.events = events
         self.archive = archive
-
-    @property
-    @abstractmethod
-    def state(self) -> str:
-        """`paused`, `waiting` (for a slot), `running` or `failed`; of a recording `recorded`."""
 
     @property
     def idle(self) -> bool:
@@ -49,11 +50,6 @@ class Source(ABC):
     @abstractmethod
     def scan(self, view: int) -> tuple[str, Scan]:
         """The name and the scan of view `view`, counted from 0. HttpProblem 404 where there are fewer."""
-
-    @property
-    @abstractmethod
-    def truth_known(self) -> bool:
-        """Whether it is told where the links really are."""
 
     @abstractmethod
     def close(self) -> None:

@@ -30,6 +30,7 @@ class UploadedRecording(Source):
     """The recording at `path`, whose entry in the store is `document`."""
 
     kind = "recording"
+    state = "recorded"
 
     def __init__(self, id: str, path: Path, document: Mapping[str, Any]) -> None:
         self._document = dict(document)
@@ -47,11 +48,6 @@ class UploadedRecording(Source):
             archive.damage = str(error)
         first = event_of(archive.iteration) + 1
         super().__init__(id, Events(first, first), archive)
-
-    @property
-    def state(self) -> str:
-        """It is what it is."""
-        return "recorded"
 
     def status(self) -> dict[str, Any]:
         """What REST shows of it."""
@@ -99,11 +95,6 @@ class UploadedRecording(Source):
         if view >= len(scans):
             raise no_view(self, view, len(scans))
         return f"{self.id}/{view}", scans[view]
-
-    @property
-    def truth_known(self) -> bool:
-        """Recordings keep none."""
-        return False
 
     def close(self) -> None:
         """End the event streams."""

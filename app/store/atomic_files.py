@@ -6,29 +6,14 @@ in its place. What a kill leaves behind lies in the folder of the unfinished, wh
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from app.problems import HttpProblem
-
-DISK_FULL = "the disk of the data directory is full; nothing was changed"
-
-
-@contextmanager
-def full_disk_as_problem() -> Iterator[None]:
-    """Turns "no space left" of the operating system into a 507."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise HttpProblem(507, DISK_FULL) from error
-        raise
+from pmpnbp.errors import full_disk_told
 
 
 def create_folder(
@@ -39,7 +24,7 @@ def create_folder(
     partial : a folder that does not exist, on the same file system; gone afterwards, also after an error
     """
     try:
-        with full_disk_as_problem():
+        with full_disk_told():
             partial.mkdir()
             for name, source in files.items():
                 os.replace(source, partial / name)
@@ -58,7 +43,7 @@ def replace_json(partial: Path, place: Path, document: Mapping[str, Any]) -> Non
     """Make the file `place` hold `document`, by way of the file `partial`: at any instant it holds the old or the new
     one."""
     try:
-        with full_disk_as_problem():
+        with full_disk_told():
             write_json(partial, document)
             os.replace(partial, place)
             sync(place.parent)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from app.problems import HttpProblem
+from pmpnbp.errors import DiskFullError
 
 # Sessions write their recordings on their own; walking their folders for every chunk of an upload would be waste.
 _WALK_SECONDS = 1.0
@@ -48,7 +50,7 @@ class DiskRoom:
             self._walked_at = -float("inf")
 
     def claim(self, count: int) -> None:
-        """Set `count` bytes aside. Raises HttpProblem 507 where they are not there."""
+        """Set `count` bytes aside. Raises HttpProblem 507 or DiskFullError where they are not there."""
         with self._lock:
             if self._used() + count > self._max_bytes:
                 limit = f"{self._max_bytes / (1 << 20):.0f} MiB"
@@ -57,7 +59,7 @@ class DiskRoom:
                 )
             space = os.statvfs(self._sessions)
             if space.f_bavail * space.f_frsize < count + min(_RESERVE, self._max_bytes // 20):
-                raise HttpProblem(507, "the disk of the data directory is full; nothing was changed")
+                raise DiskFullError
             self._claimed += count
 
     def release(self, count: int) -> None:
@@ -72,19 +74,11 @@ class DiskRoom:
         return self._entries + self._walked + self._claimed
 
 
-def folder_size(folder: Path | str) -> int:
+def folder_size(folder: Path) -> int:
     """Bytes of the files in a folder and below; what vanishes meanwhile counts nothing."""
     size = 0
-    try:
-        with os.scandir(folder) as entries:
-            for entry in entries:
-                try:
-                    if entry.is_dir(follow_symlinks=False):
-                        size += folder_size(entry.path)
-                    else:
-                        size += entry.stat(follow_symlinks=False).st_size
-                except OSError:
-                    continue
-    except OSError:
-        pass
+    for place, _, names in os.walk(folder):
+        for name in names:
+            with suppress(OSError):
+                size += os.lstat(os.path.join(place, name)).st_size
     return size

@@ -13,6 +13,7 @@ from typing import Any
 
 from app.problems import HttpProblem
 from app.store.atomic_files import read_json, replace_json
+from pmpnbp.errors import DiskFullError
 
 KEEP_SECONDS = 24 * 3600.0
 MOST = 10_000
@@ -55,10 +56,8 @@ class IdempotencyKeys:
         document = read_json(self._folder / f"{name}.json")
         return None if document is None else (document["fingerprint"], document["response"])
 
-    def once(
-        self, key: str | None, fingerprint: str, make: Callable[[], dict[str, Any]]
-    ) -> tuple[dict[str, Any], bool]:
-        """What `make` returns, and False; or, where a call with this key and content was made, its answer, and True.
+    def once(self, key: str | None, fingerprint: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """What `make` returns; or, where a call with this key and content was made, its answer.
 
         key : from `call_key`; without one `make` is always called
 
@@ -66,19 +65,19 @@ class IdempotencyKeys:
         an error of `make` is not remembered.
         """
         if key is None:
-            return make(), False
+            return make()
         with self._alone(key):
             known = self.remembered(key)
             if known is None:
                 answer = make()
                 try:
                     self.remember(key, fingerprint, answer)
-                except (OSError, HttpProblem):  # what was made is there: its maker must hear so
+                except (OSError, HttpProblem, DiskFullError):  # what was made is there: its maker must hear so
                     _log.exception("the answer to a call with an Idempotency-Key could not be kept")
-                return answer, False
+                return answer
         if known[0] != fingerprint:
             raise HttpProblem(422, "the Idempotency-Key was used for a call with other content; take a new one")
-        return known[1], True
+        return known[1]
 
     @contextmanager
     def _alone(self, key: str) -> Iterator[None]:

@@ -34,13 +34,15 @@ from app.store import atomic_files
 from app.store.disk_room import DiskRoom, folder_size
 from app.store.idempotency import IdempotencyKeys
 from app.store.stored_scan import read_scan
-from pmpnbp.errors import PmpnbpError
+from pmpnbp.errors import PmpnbpError, full_disk_told
 from pmpnbp.scene.observation import Scan
 
 Document = dict[str, Any]
 
 Kind = Literal["models", "scans", "sessions", "recordings"]
 KINDS: Mapping[Kind, str] = {"models": "model", "scans": "scan", "sessions": "session", "recordings": "recording"}
+# The file in an entry, where its name is always the same.
+_FILES: Mapping[Kind, str] = {"scans": "scan.npz", "recordings": "recording.sqlite"}
 _ID = re.compile(r"[0-9a-f]{16}")
 
 
@@ -57,7 +59,7 @@ class Staging:
     claimed: int = 0
 
     def claim(self, count: int) -> None:
-        """Set `count` bytes aside before they are written. Raises HttpProblem 507."""
+        """Set `count` bytes aside before they are written. Raises HttpProblem 507, DiskFullError."""
         self.room.claim(count)
         self.claimed += count
 
@@ -108,7 +110,7 @@ class Store:
     def staging(self) -> Iterator[Staging]:
         """A folder for an upload, removed at the end with whatever is still in it."""
         folder = self._incoming / f"{_new_id()}.upload"
-        with atomic_files.full_disk_as_problem():
+        with full_disk_told():
             folder.mkdir()
         staging = Staging(folder, self._room)
         try:
@@ -119,25 +121,32 @@ class Store:
 
     # Models, scans and recordings
 
-    def add_model(self, staged: Path, file_name: str, summary: Mapping[str, Any]) -> Document:
-        """Take in the URDF or zip `staged` (moved away), called `file_name` by its sender; the entry's document."""
-        with staged.open("rb") as file:
-            suffix = ".zip" if file.read(2) == b"PK" else ".urdf"
-        # the stem is the model's name where the URDF says none
-        stem = Path(safe_name(file_name)).stem
-        return self._add("models", {f"{stem}{suffix}": staged}, {**summary, "file_name": file_name})
+    def add(self, kind: Kind, staged: Path, file_name: str, summary: Mapping[str, Any]) -> Document:
+        """Take in what its sender calls `file_name`; the entry's document.
 
-    def add_scan(self, staged: Path, file_name: str, summary: Mapping[str, Any]) -> Document:
-        """Take in the scan that `stored_scan.write_scan` wrote to `staged` (moved away); the entry's document."""
-        return self._add("scans", {"scan.npz": staged}, {**summary, "file_name": file_name})
+        staged : moved away: a URDF or zip, what `stored_scan.write_scan` wrote, or a recording
+        """
+        id, noun = _new_id(), KINDS[kind]
+        name = _FILES.get(kind) or _model_file(staged, file_name)
+        document = {
+            "id": id,
+            **summary,
+            "file_name": file_name,
+            "created": _now(),
+            "sha256": _sha256(staged),
+            "bytes": staged.stat().st_size,
+            "file": name,
+        }
+        place = self.root / kind / id
+        size = atomic_files.create_folder(self._partial(), place, {name: staged}, f"{noun}.json", document)
+        with self._lock:
+            self._documents[kind][id] = document
+            self._room.entry(size)
+        return dict(document)
 
     def load_scan(self, id: str) -> Scan:
         """The scan, bit for bit as the library read it from the upload. HttpProblem 404."""
         return read_scan(self.file("scans", id))
-
-    def add_recording(self, staged: Path, file_name: str, summary: Mapping[str, Any]) -> Document:
-        """Take in the recording `staged` (moved away); the entry's document."""
-        return self._add("recordings", {"recording.sqlite": staged}, {**summary, "file_name": file_name})
 
     # Sessions
 
@@ -213,24 +222,6 @@ class Store:
             else:
                 self._room.entry(-size)
 
-    def _add(self, kind: Kind, files: Mapping[str, Path], members: Mapping[str, Any]) -> Document:
-        id, noun = _new_id(), KINDS[kind]
-        ((name, staged),) = files.items()
-        document = {
-            "id": id,
-            **members,
-            "created": _now(),
-            "sha256": _sha256(staged),
-            "bytes": staged.stat().st_size,
-            "file": name,
-        }
-        partial = self._partial()
-        size = atomic_files.create_folder(partial, self.root / kind / id, files, f"{noun}.json", document)
-        with self._lock:
-            self._documents[kind][id] = document
-            self._room.entry(size)
-        return dict(document)
-
     def _check_known(self, kind: Kind, id: str) -> None:
         known = self._documents[kind]
         if id not in known:
@@ -245,6 +236,13 @@ class Store:
 
     def _partial(self) -> Path:
         return self._incoming / f"{_new_id()}.partial"
+
+
+def _model_file(staged: Path, file_name: str) -> str:
+    """The name of a URDF or zip in its entry; the stem is the model's name where the URDF says none."""
+    with staged.open("rb") as file:
+        suffix = ".zip" if file.read(2) == b"PK" else ".urdf"
+    return f"{Path(safe_name(file_name)).stem}{suffix}"
 
 
 def safe_name(name: str) -> str:

@@ -13,7 +13,7 @@ from fastapi import Request, Response
 from app.problems import HttpProblem
 from app.server_config import ServerConfig
 from app.store.idempotency import call_key
-from app.store.store import Document, Staging, Store
+from app.store.store import Document, Kind, Staging, Store
 from app.uploads.multipart import Upload, receive
 from app.uploads.parsers import Parsers
 
@@ -40,7 +40,7 @@ class Uploads:
         """End the processes."""
         self._parsers.close()
 
-    async def take_in(self, request: Request, response: Response, kind: str) -> Document:
+    async def take_in(self, request: Request, response: Response, kind: Kind) -> Document:
         """The entry that the form of `request` makes in the store's folder `kind`; sets Location and ETag.
 
         The same call again, told by its Idempotency-Key, makes no second entry. Raises HttpProblem as
@@ -54,7 +54,7 @@ class Uploads:
             fingerprint = "\n".join([upload.sha256, upload.file_name, upload.fields.get("camera", "")])
             async with self._slot():
                 # waited for even where the client goes away: `staging` has to outlive it
-                document, _ = await anyio.to_thread.run_sync(
+                document = await anyio.to_thread.run_sync(
                     self._store.idempotency.once, key, fingerprint, lambda: self._read(kind, upload, staging)
                 )
         response.headers["Location"] = f"{path}/{document['id']}"
@@ -78,7 +78,7 @@ class Uploads:
         finally:
             self._slots.release()
 
-    def _read(self, kind: str, upload: Upload, staging: Staging) -> Document:
+    def _read(self, kind: Kind, upload: Upload, staging: Staging) -> Document:
         beside = staging.folder / "beside"
         beside.mkdir()
         camera, out = None, beside / "scan.npz"
@@ -86,12 +86,9 @@ class Uploads:
             camera = beside / "camera.json"
             camera.write_text(upload.fields["camera"], encoding="utf-8")
         summary = self._parsers.parse(kind, upload.path, out, camera)
-        if kind == "models":
-            return self._store.add_model(upload.path, upload.file_name, summary)
-        if kind == "recordings":
-            return self._store.add_recording(upload.path, upload.file_name, summary)
-        staging.claim(out.stat().st_size)
-        return self._store.add_scan(out, upload.file_name, summary)
+        if kind == "scans":
+            staging.claim(out.stat().st_size)
+        return self._store.add(kind, out if kind == "scans" else upload.path, upload.file_name, summary)
 
 
 def etag(document: Document) -> str:

@@ -58,86 +58,35 @@ class Drawing:
                 handle.remove()
 
     def _add(self, node: Node) -> Any:
-        scene = self._server.scene
-        if isinstance(node, Points):
-            return scene.add_point_cloud(
-                node.name,
-                node.points,
-                node.colours,
-                point_size=node.size,
-                point_shape=node.shape,
-                precision="float32" if node.exact else "float16",
-                point_shading="flat",
-            )
-        if isinstance(node, Surface):
-            return scene.add_mesh_simple(
-                node.name,
-                node.vertices,
-                node.faces,
-                color=node.colour,
-                opacity=node.opacity,
-                side="double" if node.both_sides else "front",
-                cast_shadow=False,
-                receive_shadow=False,
-                position=node.pose[:3],
-                wxyz=node.pose[3:],
-            )
-        if isinstance(node, Lines):
-            return scene.add_line_segments(
-                node.name,
-                node.segments,
-                node.colour,
-                thickness=node.width,
-                thickness_units="screen",
-                position=node.pose[:3],
-                wxyz=node.pose[3:],
-            )
-        if isinstance(node, Ellipsoids):
-            vertices, faces = _sphere()
-            return scene.add_batched_meshes_simple(
-                node.name,
-                vertices,
-                faces,
-                node.turns,
-                node.centres,
-                batched_scales=node.radii,
-                batched_colors=node.colours,
-                batched_opacities=node.opacities,
-                lod="off",
-                cast_shadow=False,
-                receive_shadow=False,
-            )
+        scene, name = self._server.scene, node.name
         if isinstance(node, Axes):
             return scene.add_batched_axes(
-                node.name, node.poses[:, 3:], node.poses[:, :3], axes_length=node.length, axes_radius=node.length / 28
+                name, node.poses[:, 3:], node.poses[:, :3], axes_length=node.length, axes_radius=node.length / 28
             )
+        given = {prop: getattr(node, member) for member, prop in _PROPERTIES[type(node)].items()}
+        if not isinstance(node, Points | Ellipsoids):
+            given |= {"position": node.pose[:3], "wxyz": node.pose[3:]}
+        unlit: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
+        if isinstance(node, Points):
+            precision: Any = "float32" if node.exact else "float16"
+            return scene.add_point_cloud(
+                name, **given, point_shape=node.shape, precision=precision, point_shading="flat"
+            )
+        if isinstance(node, Surface):
+            side: Any = "double" if node.both_sides else "front"
+            return scene.add_mesh_simple(name, node.vertices, node.faces, **given, **unlit, side=side)
+        if isinstance(node, Lines):
+            return scene.add_line_segments(name, **given, thickness_units="screen")
+        if isinstance(node, Ellipsoids):
+            vertices, faces = _sphere()
+            return scene.add_batched_meshes_simple(name, vertices, faces, **given, **unlit, lod="off")
         if isinstance(node, Frustum):
-            return scene.add_camera_frustum(
-                node.name,
-                node.field_of_view,
-                node.aspect,
-                scale=node.size,
-                thickness=1.25,
-                thickness_units="screen",
-                color=node.colour,
-                image=node.image,
-                position=node.pose[:3],
-                wxyz=node.pose[3:],
-                cast_shadow=False,
-                receive_shadow=False,
-            )
-        return self._add_handle(node)
+            return scene.add_camera_frustum(name, **given, **unlit, thickness=1.25, thickness_units="screen")
+        return self._add_handle(node, given)
 
-    def _add_handle(self, node: Handle) -> Any:
+    def _add_handle(self, node: Handle, given: dict[str, Any]) -> Any:
         handle = self._server.scene.add_transform_controls(
-            node.name,
-            node.size,
-            line_width=3.0,
-            disable_rotations=not node.turns,
-            depth_test=False,
-            opacity=0.9,
-            position=node.pose[:3],
-            wxyz=node.pose[3:],
+            node.name, **given, line_width=3.0, disable_rotations=not node.turns, depth_test=False, opacity=0.9
         )
 
         async def moved(event: Any) -> None:  # async: viser keeps the order of a gesture's phases then
@@ -178,7 +127,7 @@ def _change(handle: Any, old: Any, new: Any) -> None:
         handle.position, handle.wxyz = new.pose[:3], new.pose[3:]
 
 
-# Members of a node and viser's properties that they become.
+# Members of a node and viser's properties that they become; what makes a node calls them the same.
 _PROPERTIES: dict[type, dict[str, str]] = {
     Points: {"points": "points", "colours": "colors", "size": "point_size"},
     Surface: {"colour": "color", "opacity": "opacity"},

@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import gammaincinv
 
+from app.palette import Colour
+from app.viewer.scene_frame import Ellipsoids
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 
@@ -33,3 +35,15 @@ def ellipsoids(covariances: Array, confidence: float) -> tuple[Array, Array]:
     matrices[:, :3, :3] = axes
     radii = radius_scale(confidence) * np.sqrt(np.maximum(variances, 0.0))
     return poses.from_matrix(matrices)[:, 3:], np.maximum(radii, THINNEST)
+
+
+def ellipsoid(name: str, centre: Array, radii: Array, colour: Colour, opacity: float) -> Ellipsoids:
+    """The node of one ellipsoid at `centre` (3,), whose `radii` (3,) are along world's axes; metres."""
+    return Ellipsoids(
+        name,
+        centre[None].astype(np.float32),
+        np.array([[1, 0, 0, 0]], dtype=np.float32),
+        radii[None].astype(np.float32),
+        np.array([colour], dtype=np.uint8),
+        np.array([opacity], dtype=np.float32),
+    )

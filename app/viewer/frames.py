@@ -7,29 +7,16 @@ where the part's frame is, as everywhere in REST, which need not be its middle.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import cache
 
 import numpy as np
 
 from app import palette
 from app.palette import DARK_PAPER, PAPER, Colour, rgb
 from app.viewer import scan_points
-from app.viewer.ellipsoids import ellipsoids
+from app.viewer.ellipsoids import ellipsoid, ellipsoids
 from app.viewer.gizmos import gizmos
 from app.viewer.scan_points import ScanPoints
-from app.viewer.scene_frame import (
-    Axes,
-    Bytes,
-    Ellipsoids,
-    Floats,
-    Frustum,
-    Lines,
-    Node,
-    Points,
-    SceneFrame,
-    Surface,
-    Targets,
-)
+from app.viewer.scene_frame import Axes, Bytes, Ellipsoids, Frustum, Lines, Node, Points, SceneFrame, Surface, Targets
 from app.viewer.stage import Stage
 from app.viewer.view_state import Theme, ViewState
 from pmpnbp.geometry import poses
@@ -82,8 +69,9 @@ def frame(
     if show.particles:
         nodes += _particles(snapshot.report.belief, stage, state)
     if show.axes and state.part in names:
-        best = _best(snapshot.report.belief, names.index(state.part))
-        nodes.append(Axes("/axes", best, AXIS * stage.size))
+        belief, node = snapshot.report.belief, names.index(state.part)
+        heaviest = np.argsort(-belief.log_weights[node], kind="stable")[:BEST]
+        nodes.append(Axes("/axes", belief.poses[node][heaviest], AXIS * stage.size))
     if show.truth and snapshot.criteria.truth is not None:
         nodes += _truth(snapshot.criteria.truth["links"], stage, state)
     if show.planes:
@@ -105,13 +93,7 @@ def frame(
 
 def colours(stage: Stage, theme: Theme) -> tuple[Colour, ...]:
     """Each part's colour."""
-    return _colours(len(stage.model.parts), theme)
-
-
-@cache
-def _colours(count: int, theme: Theme) -> tuple[Colour, ...]:
-    of = palette.part_colour if theme == "light" else palette.part_colour_on_dark
-    return tuple(of(part) for part in range(count))
+    return palette.part_colours(len(stage.model.parts), dark=theme == "dark")
 
 
 def _scans(snapshot: Snapshot, state: ViewState, stage: Stage, part_poses: Array) -> Iterator[Points]:
@@ -165,20 +147,16 @@ def _ellipsoids(
     rows = [stage.model.links.index(part.links[0]) for part in stage.model.parts]
     covariances = snapshot.placed.covariances[rows, :3, :3]
     turns, radii = ellipsoids(covariances, state.confidence)
+    # the larger an ellipsoid, the more is behind it that is to be seen
+    opacities = np.clip(0.1 * ELLIPSOID * stage.size / radii.max(axis=1), FAINT, ELLIPSOID)
     return Ellipsoids(
         name,
         part_poses[:, :3].astype(np.float32),
         turns.astype(np.float32),
         radii.astype(np.float32),
         np.array(painted, dtype=np.uint8),
-        _opacities(radii, stage.size),
+        opacities.astype(np.float32),
     )
-
-
-def _opacities(radii: Array, size: float) -> Floats:
-    """(K,): the larger an ellipsoid, the more is behind it that is to be seen."""
-    found: Floats = np.clip(0.1 * ELLIPSOID * size / radii.max(axis=1), FAINT, ELLIPSOID).astype(np.float32)
-    return found
 
 
 def _particles(belief: Belief, stage: Stage, state: ViewState) -> Iterator[Points]:
@@ -199,13 +177,7 @@ def _by_weight(colour: Colour, log_weights: Array, theme: Theme) -> Bytes:
         share = np.clip(1 + (log_weights - top) / FAINTEST, 0, 1)
     pale = PALEST * (1 - share[:, None])
     mixed = (1 - pale) * np.array(colour) + pale * np.array(BACKGROUND[theme])
-    found: Bytes = mixed.round().astype(np.uint8)
-    return found
-
-
-def _best(belief: Belief, node: int) -> Array:
-    """(K, 7): the heaviest particles of a part, heaviest first."""
-    return belief.poses[node][np.argsort(-belief.log_weights[node], kind="stable")[:BEST]]
+    return mixed.round().astype(np.uint8)
 
 
 def _truth(truth: Mapping[str, Array], stage: Stage, state: ViewState) -> Iterator[Node]:
@@ -244,16 +216,7 @@ def _selected(belief: Belief, stage: Stage, state: ViewState) -> Iterator[Node]:
     if number is None or state.particle is None or state.particle >= belief.poses.shape[1]:
         return
     pose, shape, ink = belief.poses[number, state.particle], stage.shapes[number], INK[state.theme]
-    size = np.full((1, 3), MARK * stage.size, dtype=np.float32)
-    turn = np.array([[1, 0, 0, 0]], dtype=np.float32)
-    yield Ellipsoids(
-        "/selected/mark",
-        pose[None, :3].astype(np.float32),
-        turn,
-        size,
-        np.array([ink], np.uint8),
-        np.array([0.95], np.float32),
-    )
+    yield ellipsoid("/selected/mark", pose[:3], np.full(3, MARK * stage.size), ink, 0.95)
     if shape is not None:
         yield Lines("/selected/edges", shape.edges, ink, 2.0, pose)
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from app.palette import rgb
-from app.viewer.ellipsoids import radius_scale
-from app.viewer.scene_frame import Ellipsoids, Handle, Lines, Node
+from app.viewer.ellipsoids import ellipsoid, radius_scale
+from app.viewer.scene_frame import Handle, Lines, Node
 from app.viewer.stage import Stage
 from app.viewer.view_state import Theme, ViewState
 from pmpnbp.geometry import poses
@@ -94,10 +94,7 @@ def _region(box: Array, stage: Stage, theme: Theme) -> Iterator[Node]:
 def _prior(prior: GaussianPrior, stage: Stage, state: ViewState) -> Iterator[Node]:
     colour, pose = _COLOURS[state.theme], prior.pose_world_link
     yield Handle(PRIOR, pose, _TURN * stage.size, turns=True)
-    turn = np.array([[1, 0, 0, 0]], dtype=np.float32)
-    radii = (radius_scale(state.confidence) * prior.std_xyz)[None].astype(np.float32)
-    centre = pose[None, :3].astype(np.float32)
-    yield Ellipsoids("/prior/spread", centre, turn, radii, np.array([colour], np.uint8), np.array([0.16], np.float32))
+    yield ellipsoid("/prior/spread", pose[:3], radius_scale(state.confidence) * prior.std_xyz, colour, 0.16)
     for number, part in enumerate(stage.model.parts):
         shape = stage.shapes[number]
         if prior.link in part.links and shape is not None:

@@ -41,40 +41,23 @@ history.replaceState(null, "", here.pathname.replace(/\\/?$/, "/") + "{view}/" +
 
 @router.get("/sessions/{session_id}/view")
 @router.get("/sessions/{session_id}/view/")
-def open_view(request: Request, session_id: str) -> HTMLResponse:
-    """viser's page, for a new view."""
-    return _page(request, session_id, _NAME_ITSELF.format(view=new_view_id()))
-
-
 @router.get("/sessions/{session_id}/view/{view_id}")
 @router.get("/sessions/{session_id}/view/{view_id}/")
-def open_view_again(request: Request, session_id: str, view_id: str) -> HTMLResponse:
-    """viser's page, for the view of that name."""
-    return _page(request, session_id, "")
-
-
-@router.websocket("/sessions/{session_id}/view")
-@router.websocket("/sessions/{session_id}/view/")
-async def connect(websocket: WebSocket, session_id: str) -> None:
-    """A client of a view that nobody else has."""
-    await _connect(websocket, session_id, new_view_id())
-
-
-@router.websocket("/sessions/{session_id}/view/{view_id}")
-@router.websocket("/sessions/{session_id}/view/{view_id}/")
-async def connect_again(websocket: WebSocket, session_id: str, view_id: str) -> None:
-    """A client of the view of that name."""
-    await _connect(websocket, session_id, view_id)
-
-
-def _page(request: Request, session_id: str, script: str) -> HTMLResponse:
+def open_view(request: Request, session_id: str) -> HTMLResponse:
+    """viser's page, for the view of that name, or for a new one."""
     request.app.state.sessions.get(session_id)  # 404 where there is none
+    script = "" if "view_id" in request.path_params else _NAME_ITSELF.format(view=new_view_id())
     headers = {"Content-Security-Policy": VIEW_POLICY, "Cache-Control": "no-store"}
     return HTMLResponse(scene_only(CLIENT_PAGE.read_text(encoding="utf-8"), script), headers=headers)
 
 
-async def _connect(websocket: WebSocket, session_id: str, view_id: str) -> None:
-    state = websocket.app.state
+@router.websocket("/sessions/{session_id}/view")
+@router.websocket("/sessions/{session_id}/view/")
+@router.websocket("/sessions/{session_id}/view/{view_id}")
+@router.websocket("/sessions/{session_id}/view/{view_id}/")
+async def connect(websocket: WebSocket, session_id: str) -> None:
+    """A client of the view of that name, or of one that nobody else has."""
+    state, view_id = websocket.app.state, websocket.path_params.get("view_id") or new_view_id()
     try:
         view: View = await anyio.to_thread.run_sync(state.views.join, session_id, view_id, state.sessions.get)
     except HttpProblem as problem:

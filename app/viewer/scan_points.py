@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.palette import KIND_COLOURS, rgb
-from app.pictures.backdrop import backdrop, scaled
+from app.pictures.backdrop import backdrop, resized, scaled
 from app.viewer.scene_frame import Bytes, Floats
 from app.viewer.view_state import THEMES, Theme
 from pmpnbp.geometry import poses
@@ -61,12 +61,10 @@ def scan_points(scan: Scan) -> ScanPoints:
     camera = scan.camera
     factor = max(int(np.ceil(np.sqrt(camera.width * camera.height / MOST))), 1)
     width, height = max(camera.width // factor, 1), max(camera.height // factor, 1)
-    rows = ((np.arange(height) + 0.5) * camera.height / height).astype(int)
-    columns = ((np.arange(width) + 0.5) * camera.width / width).astype(int)
-    depth = np.ascontiguousarray(scan.depth[rows[:, None], columns])
+    depth = resized(scan.depth, width, height)
     measured = depth > 0
     # each kept pixel's own ray, not that of its block's centre
-    own = camera.rays()[rows[:, None], columns][measured] * depth[measured][:, None]
+    own = resized(camera.rays(), width, height)[measured] * depth[measured][:, None]
     points = poses.transform_points(camera.pose_world_camera, own.astype(np.float64)).astype(np.float32)
     values = depth[measured]
     near, far = np.percentile(values, (2, 98)) if len(values) else (0.0, 1.0)
@@ -111,19 +109,16 @@ def _shade(grey: Floats, tone: Floats) -> Floats:
     if len(grey) < 2:
         return np.ones_like(grey)
     slope, level = np.polyfit(tone, grey, 1)
-    found: Floats = np.clip(1 + 1.4 * (grey - slope * tone - level), 0.7, 1.25).astype(np.float32)
-    return found
+    return np.clip(1 + 1.4 * (grey - slope * tone - level), 0.7, 1.25).astype(np.float32)
 
 
 def _between(near: str, far: str, tone: Floats) -> Floats:
     start, end = (np.array(rgb(colour), dtype=np.float32) for colour in (near, far))
-    found: Floats = start + (end - start) * tone[:, None]
-    return found
+    return start + (end - start) * tone[:, None]
 
 
 def _lit(colour: Floats, shade: Floats) -> Bytes:
-    found: Bytes = np.clip(colour * shade[:, None], 0, 255).astype(np.uint8)
-    return found
+    return np.clip(colour * shade[:, None], 0, 255).astype(np.uint8)
 
 
 def _image(measured: NDArray[np.bool_], painted: Bytes, theme: Theme) -> Bytes:

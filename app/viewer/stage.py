@@ -88,12 +88,8 @@ def stage(problem: Problem, scans: tuple[ScanPoints, ...]) -> Stage:
     clouds = tuple(_clouds(scan, category) for scan, category in zip(scans, categories, strict=True))
     eye, size = _eye(observation), object_size(model)
     planes = tuple(_square(plane, np.array(eye.look_at), SQUARE * size) for plane in observation.planes)
-    return Stage(model, shapes(model), scans, categories, clouds, planes, observation.up, eye, size)
-
-
-def shapes(model: ArticulatedObject) -> tuple[Shape | None, ...]:
-    """The shape of each part."""
-    return tuple(_shape(part) if part.visible else None for part in model.parts)
+    shapes = tuple(_shape(part) if part.visible else None for part in model.parts)
+    return Stage(model, shapes, scans, categories, clouds, planes, observation.up, eye, size)
 
 
 def object_size(model: ArticulatedObject) -> float:

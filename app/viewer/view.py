@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import viser
 from pydantic import BaseModel, Field
@@ -18,6 +18,9 @@ from app.problems import HttpProblem
 from app.sessions.source import Source
 from app.viewer.view_state import ViewState, merged
 from app.viewer.viser_server import address, open_server
+
+if TYPE_CHECKING:
+    from app.viewer.painter import Painter
 
 Find = Callable[[str], Source]
 
@@ -43,7 +46,7 @@ class View:
     """A view of `source` (None: of nothing), which is the session `session_id`. Thread-safe.
 
     server, secret : viser's, and what its connections carry; opened with the first client
-    clients : browsers that show it; keepers : all that keep it from being closed
+    clients : browsers that show it; keepers : all that keep it from being closed; painter : who draws it
     """
 
     session_id: str
@@ -54,13 +57,14 @@ class View:
     last_left: threading.Timer | None = field(default=None, repr=False)
     drawn: DrawnScene | None = None
     error: str | None = None
+    painter: Painter | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         self._lock = threading.Lock()
         self._state = ViewState()
         self._listeners: dict[object, Callable[[str], None]] = {}
         self._opened: tuple[viser.ViserServer, str] | None = None
-        self._closed = False
+        self.closed = False
 
     @property
     def server(self) -> viser.ViserServer:
@@ -76,11 +80,6 @@ class View:
     def url(self) -> str:
         """Where its websocket is; for this process only."""
         return address(self.server)
-
-    @property
-    def closed(self) -> bool:
-        """Whether it has ended."""
-        return self._closed
 
     @property
     def state(self) -> ViewState:
@@ -122,9 +121,9 @@ class View:
     def close(self) -> None:
         """End it. A second call does nothing."""
         with self._lock:
-            if self._closed:
+            if self.closed:
                 return
-            self._closed = True
+            self.closed = True
             opened = self._opened
             last_left = self.last_left
         if last_left is not None:
@@ -135,7 +134,7 @@ class View:
 
     def _open(self) -> tuple[viser.ViserServer, str]:
         with self._lock:
-            if self._closed:
+            if self.closed:
                 raise HttpProblem(404, f"view '{self.view_id}' is closed")
             if self._opened is None:
                 self._opened = open_server()

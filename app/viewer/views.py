@@ -20,7 +20,6 @@ from app.viewer.view_state import MAX_COORDINATE, ViewState
 LINGER_SECONDS = 60.0
 
 _VIEW_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
-_Key = tuple[str, str]
 
 
 class Views:
@@ -29,8 +28,7 @@ class Views:
     def __init__(self, limit: int = 200, linger_seconds: float = LINGER_SECONDS) -> None:
         self._limit = limit
         self._linger = linger_seconds
-        self._views: dict[_Key, View] = {}
-        self._painters: dict[_Key, Painter] = {}
+        self._views: dict[tuple[str, str], View] = {}
         self._lock = threading.Lock()
         self._closed = False
 
@@ -54,13 +52,13 @@ class Views:
                 view.change(_own_handles(source))
                 self._views[session_id, view_id] = view
                 if source is not None and find is not None:
-                    self._painters[session_id, view_id] = Painter(view, source, find)
+                    view.painter = Painter(view, source, find)
             view.keepers += 1
             if view.last_left is not None:
                 view.last_left.cancel()
                 view.last_left = None
         if closing is not None:
-            self._end(*closing)
+            _end(closing)
         return view
 
     def release(self, view: View) -> None:
@@ -87,29 +85,22 @@ class Views:
         view.tell("clients")
         self.release(view)
 
-    def painter(self, view: View) -> Painter | None:
-        """Who draws the view."""
-        return self._painters.get((view.session_id, view.view_id))
-
     def close_session(self, session_id: str) -> None:
         """Close every view of a session, as when it is deleted."""
         with self._lock:
-            closing = [self._take(key) for key in list(self._views) if key[0] == session_id]
-        for view, painter in closing:
-            self._end(view, painter)
+            closing = [self._views.pop(key) for key in list(self._views) if key[0] == session_id]
+        for view in closing:
+            _end(view)
 
     def close(self) -> None:
         """Close all."""
         with self._lock:
             self._closed = True
-            closing = [self._take(key) for key in list(self._views)]
-        for view, painter in closing:
-            self._end(view, painter)
+            closing, self._views = self._views, {}
+        for view in closing.values():
+            _end(view)
 
-    def _take(self, key: _Key) -> tuple[View, Painter | None]:
-        return self._views.pop(key), self._painters.pop(key, None)
-
-    def _make_room(self) -> tuple[View, Painter | None] | None:
+    def _make_room(self) -> View | None:
         """A view that nobody keeps and that has to go, where there are too many."""
         if len(self._views) < self._limit:
             return None
@@ -117,20 +108,21 @@ class Views:
         if idle is None:
             detail = f"{self._limit} views are open, which is all this server takes"
             raise HttpProblem(429, detail, headers={"Retry-After": "60"})
-        return self._take(idle)
+        return self._views.pop(idle)
 
     def _drop(self, view: View) -> None:
         with self._lock:
             key = (view.session_id, view.view_id)
             if view.keepers > 0 or self._views.get(key) is not view:
                 return
-            closing = self._take(key)
-        self._end(*closing)
+            del self._views[key]
+        _end(view)
 
-    def _end(self, view: View, painter: Painter | None) -> None:
-        view.close()
-        if painter is not None:
-            painter.close()
+
+def _end(view: View) -> None:
+    view.close()
+    if view.painter is not None:
+        view.painter.close()
 
 
 def new_view_id() -> str:

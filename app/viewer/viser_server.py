@@ -42,19 +42,14 @@ def open_server() -> tuple[viser.ViserServer, str]:
     connection = server._websock_server
     for message in (viser_messages.ShareUrlRequest, viser_messages.ShareUrlDisconnect):
         connection.unregister_handler(message)
-    server.scene.world_axes.visible = False
-    _light(server)
-    return server, secret
-
-
-def _light(server: viser.ViserServer) -> None:
-    """Light that costs little: without a graphics card, the default's surroundings and shadows take most of the time of
-    a picture."""
     scene = server.scene
+    scene.world_axes.visible = False
+    # light that costs little: without a graphics card the default's surroundings and shadows take most of the time
     scene.configure_default_lights(enabled=False)
     scene.configure_environment_map(None)
     scene.add_light_hemisphere("/light/sky", intensity=2.4)
     scene.add_light_directional("/light/sun", intensity=1.2, cast_shadow=False, position=(1.0, -1.0, 2.0))
+    return server, secret
 
 
 def address(server: viser.ViserServer) -> str:

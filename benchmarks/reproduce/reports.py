@@ -13,8 +13,8 @@ from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as version_of
 from pathlib import Path
 
-from app.version import version
 from benchmarks.tables import markdown
+from pmpnbp.version import version
 
 HOLDS, IN_PART, NOT = "holds", "holds in part", "does not hold"
 # The share of runs in which something has to be so for it to hold.

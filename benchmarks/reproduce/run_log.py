@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from app.version import version
 from pmpnbp.errors import PmpnbpError
+from pmpnbp.version import version
 
 NAME = "runs.jsonl"
 Asked = Mapping[str, Any]

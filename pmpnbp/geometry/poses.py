@@ -69,8 +69,7 @@ def _inverse(pose, out):  # type: ignore[no-untyped-def]
 
 def quaternion_multiply(a: Array, b: Array) -> Array:
     """Hamilton product of quaternions `a` and `b`, both (..., 4), w x y z."""
-    product: Array = _quaternion_multiply.ufunc(a, b)
-    return product
+    return _quaternion_multiply.ufunc(a, b)
 
 
 def quaternion_conjugate(q: Array) -> Array:
@@ -80,20 +79,17 @@ def quaternion_conjugate(q: Array) -> Array:
 
 def rotate(q: Array, vectors: Array) -> Array:
     """Rotate `vectors` (..., 3) by unit quaternions `q` (..., 4), w x y z."""
-    turned: Array = _rotate.ufunc(q, vectors)
-    return turned
+    return _rotate.ufunc(q, vectors)
 
 
 def multiply(a: Array, b: Array) -> Array:
     """Compose poses (..., 7): `multiply(pose_a_b, pose_b_c)` is `pose_a_c`."""
-    product: Array = _multiply.ufunc(a, b)
-    return product
+    return _multiply.ufunc(a, b)
 
 
 def inverse(pose: Array) -> Array:
     """Inverse of poses (..., 7): `inverse(pose_a_b)` is `pose_b_a`."""
-    inverted: Array = _inverse.ufunc(pose)
-    return inverted
+    return _inverse.ufunc(pose)
 
 
 def transform_points(pose: Array, points: Array) -> Array:

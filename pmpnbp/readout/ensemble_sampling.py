@@ -47,8 +47,7 @@ class Grid:
     def log_density(self, positions: Array) -> Array:
         """(W,), up to a constant, at positions (W,), beyond the ends as if it went around."""
         share = np.mod((positions - self.lower) / (self.upper - self.lower), 1.0)
-        found: Array = np.log(self.weights[np.minimum((share * len(self.weights)).astype(int), len(self.weights) - 1)])
-        return found
+        return np.log(self.weights[np.minimum((share * len(self.weights)).astype(int), len(self.weights) - 1)])
 
 
 def sample(

@@ -57,10 +57,8 @@ class Snapshot:
             converged=self.converged,
             seconds=round(self.row["elapsed"], 3),
         )
-        truth = self.criteria.truth
-        if truth is None:
-            return readout.to_result(estimate)
-        errors = readout.errors(self.problem.mrf.model, estimate, truth["links"], truth["joints"])
+        model, truth = self.problem.mrf.model, self.criteria.truth
+        errors = None if truth is None else readout.errors(model, estimate, truth["links"], truth["joints"])
         return readout.to_result(estimate, errors)
 
     @cached_property

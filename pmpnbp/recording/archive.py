@@ -7,17 +7,16 @@ an iteration when it is in the file. A recording from elsewhere is archived as i
 from __future__ import annotations
 
 import contextlib
-import errno
 import shutil
 import sqlite3
 import threading
 from bisect import bisect_right
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 from cachetools import LRUCache
 
-from pmpnbp.errors import DamageError, DiskFullError, IterationError, RecordingError
+from pmpnbp.errors import DamageError, IterationError, RecordingError, full_disk_told
 from pmpnbp.inference import run
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
@@ -104,7 +103,7 @@ class IterationArchive:
         """Put a new recording, with iteration 0, in the place of the one that may be there."""
         self.close()
         new = self.path.with_name(self.path.name + ".new")
-        with _full_disk_told():
+        with full_disk_told():
             with RecordingWriter(new, inputs, snapshot.problem.mrf.model) as writer:
                 writer.write(step.report, step.state, snapshot.row_text.decode())
             replace_recording(new, self.path)
@@ -126,7 +125,7 @@ class IterationArchive:
 
     def change(self, change: Change, problem: Problem) -> None:
         """Write a change, of which the next iterations are made with `problem`; returns once it is in the file."""
-        with _full_disk_told():
+        with full_disk_told():
             writer = self._writing()
             writer.change(change)
             writer.flush()
@@ -248,7 +247,7 @@ class IterationArchive:
     def copy_to(self, path: Path) -> None:
         """A consistent copy of the recording as one file, also while it is being written, and of a damaged one where
         it can be copied. Raises DamageError."""
-        with _full_disk_told():
+        with full_disk_told():
             if self._foreign_row is not None:
                 shutil.copyfile(self.path, path)
                 return
@@ -313,15 +312,3 @@ class IterationArchive:
         recent = self._recent(recording, iteration, since, problem)
         elapsed, converged = recording.seconds(iteration), run.converged(recent, problem)
         return self._read_out(recent[-1], converged=converged, elapsed=elapsed, event=event_of(iteration)).row
-
-
-@contextlib.contextmanager
-def _full_disk_told() -> Iterator[None]:
-    """Turns the "no space left" of SQLite, of a writer and of the system into DiskFullError."""
-    try:
-        yield
-    except (sqlite3.Error, RecordingError, OSError) as error:
-        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
-        if full or "disk is full" in str(error):
-            raise DiskFullError("the disk of the data directory is full; nothing was changed") from error
-        raise

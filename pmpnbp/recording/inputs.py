@@ -10,7 +10,6 @@ import tempfile
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -29,6 +28,7 @@ from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior, load_prior
 from pmpnbp.scene.urdf import load_model
 from pmpnbp.settings import SessionOptions, Settings, changed, preset
+from pmpnbp.version import version
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def prepare(
 def store(connection: sqlite3.Connection, inputs: Inputs, model: ArticulatedObject) -> None:
     """Write inputs, and the names of the `model` they lead to and of its parts, into a new recording."""
     values = {
-        "version": _version(),
+        "version": version(),
         "method": inputs.method,
         "model": model.name,
         "parts": [{"name": part.name, "links": list(part.links)} for part in model.parts],
@@ -188,10 +188,3 @@ def _prior(members: dict[str, Any]) -> UniformPrior | GaussianPrior:
         np.array(members["std_rpy"]),
         {name: (position, std) for name, (position, std) in members["joints"].items()},
     )
-
-
-def _version() -> str:
-    try:
-        return version("pmpnbp")
-    except PackageNotFoundError:
-        return "unknown"

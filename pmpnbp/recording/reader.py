@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import sqlite3
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 from urllib.parse import quote
 
@@ -35,67 +36,53 @@ class Recording:
 
     def __init__(self, path: Path) -> None:
         self._path = Path(path)
-        self._connection = self._open()
+        self.name = self._path.name  # as errors call it
+        self.connection = self._open()
         try:
             application, version = (self._pragma(name) for name in ("application_id", "user_version"))
             if application != APPLICATION_ID:
-                raise RecordingError(f"'{self._path.name}' is not a recording of pmpnbp")
+                raise RecordingError(f"'{self.name}' is not a recording of pmpnbp")
             if version > VERSION:
                 raise RecordingError(
-                    f"recording '{self._path.name}' has format {version}; this version reads up to {VERSION}"
+                    f"recording '{self.name}' has format {version}; this version reads up to {VERSION}"
                 )
             self.parts: tuple[str, ...] = self._parts()
         except BaseException:
-            self._connection.close()
+            self.connection.close()
             raise
-
-    @property
-    def name(self) -> str:
-        """The name of the file, as errors call it."""
-        return self._path.name
 
     def __enter__(self) -> Recording:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
         """Close the file."""
-        self._connection.close()
+        self.connection.close()
 
     def restored_inputs(self, folder: Path, iteration: int | None = None) -> Inputs:
         """The inputs that an iteration was made with, or else the next one will be, as a writer takes them, to begin
         another run from; the model becomes a file in `folder`."""
-        try:
-            return inputs_module.restored_inputs(self._connection, folder, iteration)
-        except _DAMAGE:
-            raise self._damaged("its model or scans") from None
+        with self._reading("its model or scans"):
+            return inputs_module.restored_inputs(self.connection, folder, iteration)
 
     def inputs(self) -> dict[str, Any]:
         """`version`, `method`, `model` (its name), `parts`, `settings`, `prior`, `region`, `particles` and `seed`, as
         JSON has them: those the inference began with."""
-        try:
-            rows = self._connection.execute("SELECT name, value FROM inputs").fetchall()
+        with self._reading("its inputs"):
+            rows = self.connection.execute("SELECT name, value FROM inputs").fetchall()
             return {name: json.loads(value) for name, value in rows}
-        except _DAMAGE:
-            raise self._damaged("its inputs") from None
 
     def changes(self, iteration: int | None = None) -> list[Change]:
         """Other settings and further scans that an iteration was made with, in order; without it all there are."""
-        try:
-            return changes(self._connection, iteration)
-        except _DAMAGE:
-            raise self._damaged("its changes") from None
+        with self._reading("its changes"):
+            return changes(self.connection, iteration)
 
     def changed_after(self) -> list[int]:
         """The iterations that the changes came after, in order; also where what was changed is damaged."""
-        try:
-            return changed_after(self._connection)
-        except _DAMAGE:
-            raise self._damaged("its changes") from None
+        with self._reading("its changes"):
+            return changed_after(self.connection)
 
     def settings(self, iteration: int | None = None) -> Settings:
         """The settings that an iteration was made with, or else the next one will be."""
@@ -105,16 +92,14 @@ class Recording:
     def problem(self, iteration: int | None = None) -> Problem:
         """The problem of an iteration, or else of the next one, made again from model, scans, prior and settings as
         they were then; the same for all iterations between two changes, so that callers keep it."""
-        try:
-            return inputs_module.restored_problem(self._connection, iteration)
-        except _DAMAGE:
-            raise self._damaged("its model or scans") from None
+        with self._reading("its model or scans"):
+            return inputs_module.restored_problem(self.connection, iteration)
 
     def iterations(self) -> list[int]:
         """Numbers of the iterations that can be read, ascending; those thinned out are not among them."""
         found: list[int] = []
         try:
-            for (number,) in self._connection.execute("SELECT number FROM iterations ORDER BY number"):
+            for (number,) in self.connection.execute("SELECT number FROM iterations ORDER BY number"):
                 found.append(number)
         except _DAMAGE:  # cut off: what came before is whole
             pass
@@ -123,74 +108,58 @@ class Recording:
     def seconds(self, iteration: int) -> float:
         """Wall time of all iterations up to this one, without what came between them."""
         query = "SELECT coalesce(sum(seconds), 0) FROM iterations WHERE number <= ?"
-        try:
-            return float(self._connection.execute(query, (iteration,)).fetchone()[0])
-        except _DAMAGE:
-            raise self._damaged("its list of iterations") from None
+        with self._reading("its list of iterations"):
+            return float(self.connection.execute(query, (iteration,)).fetchone()[0])
 
     def notes(self) -> list[str]:
         """What the writer had to say, such as that it thinned out iterations."""
-        try:
-            return [text for (text,) in self._connection.execute("SELECT text FROM notes ORDER BY number")]
-        except _DAMAGE:
-            raise self._damaged("its notes") from None
+        with self._reading("its notes"):
+            return [text for (text,) in self.connection.execute("SELECT text FROM notes ORDER BY number")]
 
     def newest(self) -> int | None:
         """The number of the newest iteration that is written down, whole or not; None where there is none."""
-        try:
-            found = self._connection.execute("SELECT max(number) FROM iterations").fetchone()[0]
-        except _DAMAGE:
-            raise self._damaged("its list of iterations") from None
+        with self._reading("its list of iterations"):
+            found = self.connection.execute("SELECT max(number) FROM iterations").fetchone()[0]
         return None if found is None else int(found)
 
     def summaries(self, after: int = -1, last: int | None = None) -> list[str]:
         """What the program that recorded had to say of each iteration beyond `after`, and up to `last` where it is
         given, ascending; also of those thinned out. Empty where it said nothing."""
         query = "SELECT text FROM summaries WHERE iteration > ? AND iteration <= ? ORDER BY iteration"
-        try:
+        with self._reading("its summaries"):
             if self._pragma("user_version") < VERSION:
                 return []
-            return [text for (text,) in self._connection.execute(query, (after, 2**62 if last is None else last))]
-        except _DAMAGE:
-            raise self._damaged("its summaries") from None
+            return [text for (text,) in self.connection.execute(query, (after, 2**62 if last is None else last))]
 
     def summary(self, iteration: int) -> str | None:
         """The same of one iteration; None where there is none."""
         query = "SELECT text FROM summaries WHERE iteration = ?"
-        try:
+        with self._reading("its summaries"):
             if self._pragma("user_version") < VERSION:
                 return None
-            row = self._connection.execute(query, (iteration,)).fetchone()
-        except _DAMAGE:
-            raise self._damaged("its summaries") from None
+            row = self.connection.execute(query, (iteration,)).fetchone()
         return None if row is None else str(row[0])
 
     def report(self, iteration: int) -> IterationReport:
         """The report of an iteration, equal bit for bit to the one that was written."""
         scalars, arrays = self._scalars(iteration), self._arrays(iteration)
-        try:
+        with self._reading(f"iteration {iteration}"):
             return to_report(iteration, scalars, arrays)
-        except _DAMAGE:  # an array is missing, or does not fit the others
-            raise self._damaged(f"iteration {iteration}") from None
 
     def state(self, iteration: int) -> State:
         """The state after an iteration; `advance` with it and `problem()` makes the next one again."""
         self._scalars(iteration)
         arrays = self._arrays(iteration)
-        try:
+        with self._reading(f"iteration {iteration}"):
             return to_state(iteration, arrays)
-        except _DAMAGE:
-            raise self._damaged(f"iteration {iteration}") from None
 
     def _parts(self) -> tuple[str, ...]:
-        try:
+        with self._reading("its inputs"):
             return tuple(str(part["name"]) for part in self._input("parts"))
-        except _DAMAGE:  # JSON, but not a list of parts
-            raise self._damaged("its inputs") from None
 
     def _open(self) -> sqlite3.Connection:
         if not self._path.is_file():
-            raise RecordingError(f"recording '{self._path.name}' is not there")
+            raise RecordingError(f"recording '{self.name}' is not there")
         address = f"file:{quote(str(self._path.absolute()))}?mode=ro"
         log = self._path.with_name(self._path.name + "-wal")
         # in a folder that cannot be written SQLite finds no place for its index; without a log it needs none
@@ -206,29 +175,20 @@ class Recording:
                 connection.close()
                 if number + 1 == len(attempts) or not isinstance(error, sqlite3.OperationalError):
                     break
-        raise RecordingError(f"'{self._path.name}' is not a recording, or its beginning is damaged")
+        raise RecordingError(f"'{self.name}' is not a recording, or its beginning is damaged")
 
     def _pragma(self, name: str) -> int:
-        try:
-            return int(self._connection.execute(f"PRAGMA {name}").fetchone()[0])
-        except _DAMAGE:
-            raise self._damaged("its header") from None
+        with self._reading("its header"):
+            return int(self.connection.execute(f"PRAGMA {name}").fetchone()[0])
 
     def _input(self, name: str) -> Any:
-        try:
-            return inputs_module.value(self._connection, name)
-        except _DAMAGE:
-            raise self._damaged("its inputs") from None
-
-    @property
-    def connection(self) -> sqlite3.Connection:
-        """The open file, for those of this package that copy from it."""
-        return self._connection
+        with self._reading("its inputs"):
+            return inputs_module.value(self.connection, name)
 
     def sound(self) -> bool:
         """Whether SQLite finds no fault with the file as a whole, read from end to end."""
         try:
-            found = self._connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+            found = self.connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             return not self._cut_short() and found == "ok"
         except (*_DAMAGE, RecordingError):
             return False
@@ -237,7 +197,7 @@ class Recording:
         try:
             # the sizes are beside the bytes' first page, so this does not read them, but for a file that was cut short
             query = "SELECT sum(length(data)) FROM arrays WHERE iteration = ?"
-            found = self._connection.execute(query, (iteration,)).fetchone()[0] is not None
+            found = self.connection.execute(query, (iteration,)).fetchone()[0] is not None
             if found and self._cut_short():
                 self._arrays(iteration)
             return found
@@ -251,35 +211,30 @@ class Recording:
 
     def _scalars(self, iteration: int) -> dict[str, Any]:
         query = "SELECT stage, tolerance, mle_score, seconds, notes FROM iterations WHERE number = ?"
-        try:
-            row = self._connection.execute(query, (iteration,)).fetchone()
+        with self._reading(f"iteration {iteration}"):
+            row = self.connection.execute(query, (iteration,)).fetchone()
             if row is not None:
-                stage, tolerance, score, seconds, notes = row
-                return {
-                    "stage": stage,
-                    "tolerance": tolerance,
-                    "mle_score": score,
-                    "seconds": seconds,
-                    "notes": json.loads(notes),
-                }
-        except _DAMAGE:
-            raise self._damaged(f"iteration {iteration}") from None
+                found = dict(zip(("stage", "tolerance", "mle_score", "seconds", "notes"), row, strict=True))
+                return found | {"notes": json.loads(found["notes"])}
         known = self.iterations()
         there = f"iterations {known[0]} to {known[-1]}" if known else "none"
-        raise RecordingError(f"iteration {iteration} is not in recording '{self._path.name}'; it has {there}")
+        raise RecordingError(f"iteration {iteration} is not in recording '{self.name}'; it has {there}")
 
     def _arrays(self, iteration: int) -> Arrays:
         query = "SELECT name, dtype, shape, data FROM arrays WHERE iteration = ?"
         found: dict[str, NDArray[Any]] = {}
-        try:
-            for name, dtype, shape, data in self._connection.execute(query, (iteration,)):
+        with self._reading(f"iteration {iteration}"):
+            for name, dtype, shape, data in self.connection.execute(query, (iteration,)):
                 found[name] = unpack(dtype, shape, data)
                 found[name].setflags(write=False)
-        except _DAMAGE:
-            raise self._damaged(f"iteration {iteration}") from None
         if not found:
-            raise RecordingError(f"iteration {iteration} of recording '{self._path.name}' was thinned out")
+            raise RecordingError(f"iteration {iteration} of recording '{self.name}' was thinned out")
         return found
 
-    def _damaged(self, what: str) -> RecordingError:
-        return RecordingError(f"recording '{self._path.name}' is damaged: {what} cannot be read")
+    @contextmanager
+    def _reading(self, what: str) -> Iterator[None]:
+        """RecordingError where `what` turns out to be damaged."""
+        try:
+            yield
+        except _DAMAGE:
+            raise RecordingError(f"recording '{self.name}' is damaged: {what} cannot be read") from None

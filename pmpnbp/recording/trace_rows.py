@@ -26,8 +26,7 @@ class OwnRows:
             newest = recording.newest()
             there = "none" if newest is None else f"iterations 0 to {newest}"
             raise RecordingError(f"iteration {iteration} is not in recording '{recording.name}'; it has {there}")
-        row: Row = json.loads(text)
-        return row
+        return json.loads(text)
 
     def texts(self, recording: Recording, after: int, last: int) -> list[str]:
         """The rows, JSON, of the iterations beyond `after` and up to `last`, ascending."""

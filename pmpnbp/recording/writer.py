@@ -14,8 +14,8 @@ import sqlite3
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from types import TracebackType
 
 from pmpnbp.errors import RecordingError
 from pmpnbp.inference.belief import IterationReport, State
@@ -53,42 +53,36 @@ class RecordingWriter:
     """
 
     def __init__(self, path: Path, inputs: Inputs, model: ArticulatedObject, *, max_bytes: int = MAX_BYTES) -> None:
-        self._prepare(path)
-        make_way(self._path)
-        try:
-            self._connect()
-            self._create(inputs, model)
-            self._thinning = Thinning(self._connection, max_bytes)
-        except sqlite3.Error as error:
-            raise self._failure(error) from None
-        self._thread.start()
+        make_way(Path(path))
+        self._begin(path, max_bytes, partial(self._create, inputs, model))
 
     @classmethod
     def appending(cls, path: Path, *, max_bytes: int = MAX_BYTES) -> RecordingWriter:
         """A writer that goes on with the recording at `path`; `make_whole` sees to it that it can."""
         writer = cls.__new__(cls)
-        writer._prepare(path)
-        try:
-            writer._connect()
-            writer._go_on()
-            writer._thinning = Thinning(writer._connection, max_bytes)
-        except sqlite3.Error as error:
-            raise writer._failure(error) from None
-        writer._thread.start()
+        writer._begin(path, max_bytes, writer._go_on)
         return writer
 
-    def _prepare(self, path: Path) -> None:
+    def _begin(self, path: Path, max_bytes: int, prepare: Callable[[], None]) -> None:
+        """Open the file, have its tables prepared, and start the thread, which alone uses the connection then."""
         self._path = Path(path)
         self._queue: queue.Queue[_Iteration | Change | threading.Event | None] = queue.Queue(WAITING)
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._write_all, name="recording", daemon=True)
+        try:
+            self._connection = sqlite3.connect(self._path, isolation_level=None, check_same_thread=False)
+            self._connection.execute("PRAGMA journal_mode = WAL")
+            self._connection.execute("PRAGMA synchronous = NORMAL")
+            prepare()
+            self._thinning = Thinning(self._connection, max_bytes)
+        except sqlite3.Error as error:
+            raise self._failure(error) from None
+        self._thread.start()
 
     def __enter__(self) -> RecordingWriter:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             self.close()
             return
@@ -128,12 +122,6 @@ class RecordingWriter:
             self._queue.put(None)
             self._thread.join()
         self._raise_failure()
-
-    def _connect(self) -> None:
-        # used by the thread alone once it runs
-        self._connection = sqlite3.connect(self._path, isolation_level=None, check_same_thread=False)
-        self._connection.execute("PRAGMA journal_mode = WAL")
-        self._connection.execute("PRAGMA synchronous = NORMAL")
 
     def _create(self, inputs: Inputs, model: ArticulatedObject) -> None:
         run = self._connection.execute

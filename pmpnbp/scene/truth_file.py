@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from pmpnbp.errors import ScanError
 from pmpnbp.geometry import poses
+from pmpnbp.scene.json_files import finite_number, read_object
 
 
 def load_truth(path: Path) -> dict[str, Any]:
@@ -19,19 +19,13 @@ def load_truth(path: Path) -> dict[str, Any]:
     The file is `{"links": {LINK: 4x4 matrix, nested or as 16 numbers, row-major}, "joints": {JOINT: number}}`; `joints`
     may be absent. Raises ScanError where it is not.
     """
-    try:
-        members = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ScanError(f"truth file '{path.name}' cannot be read: {error.strerror}") from None
-    except ValueError:
-        raise ScanError(f"truth file '{path.name}' is not JSON") from None
-    return truth_of(members, f"truth file '{path.name}'")
+    return truth_of(read_object(path, "truth file", ScanError), f"truth file '{path.name}'")
 
 
 def truth_of(members: object, name: str) -> dict[str, Any]:
     """The same of what was read from such a file; `name` is what an error calls it."""
-    links = members.get("links") if isinstance(members, dict) else None
-    joints = members.get("joints", {}) if isinstance(members, dict) else None
+    links = members.get("links") if isinstance(members, Mapping) else None
+    joints = members.get("joints", {}) if isinstance(members, Mapping) else None
     if not isinstance(links, dict) or not isinstance(joints, dict):
         raise ScanError(f"{name} is not an object with 'links' and 'joints'")
     found = {}
@@ -41,6 +35,6 @@ def truth_of(members: object, name: str) -> dict[str, Any]:
         except (ValueError, TypeError):
             raise ScanError(f"link '{link}' of {name} has no 4x4 matrix of a pose") from None
     for joint, position in joints.items():
-        if isinstance(position, bool) or not isinstance(position, int | float) or not math.isfinite(position):
+        if finite_number(position) is None:
             raise ScanError(f"joint '{joint}' of {name} is {position!r}; expected a finite number")
     return {"links": found, "joints": {joint: float(position) for joint, position in joints.items()}}

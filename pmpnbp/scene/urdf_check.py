@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from xml.etree import ElementTree
@@ -232,8 +233,9 @@ def _check_tree(tree: ElementTree.Element) -> None:
     if not links:
         raise ModelError("the URDF has no <link>")
     for kind, names in (("links", links), ("joints", [name for name, _, _ in joints])):
-        if twice := _first_duplicate(names):
-            raise ModelError(f"two {kind} are named '{twice}'")
+        twice = [name for name, count in Counter(names).items() if count > 1]
+        if twice:
+            raise ModelError(f"two {kind} are named '{twice[0]}'")
     known, above = set(links), dict[str, tuple[str, str]]()
     for name, parent, child in joints:
         for role, link in (("parent", parent), ("child", child)):
@@ -322,15 +324,6 @@ def _numbers(text: str, count: int, what: str) -> list[float]:
 
 def _join(numbers: Iterable[float]) -> str:
     return " ".join(repr(number) for number in numbers)
-
-
-def _first_duplicate(names: list[str]) -> str | None:
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            return name
-        seen.add(name)
-    return None
 
 
 def _some(names: Iterable[str]) -> str:

@@ -24,6 +24,9 @@ import httpx
 from benchmarks.server_process import CABINET, start, upload_model, upload_scan
 from benchmarks.trials import load_roi
 
+# As quick as to have many iterations acknowledged before a kill.
+QUICK = {"image_width": 80, "triangles": 60, "search_iterations": 1, "search_proposals": 300, "search_islands": 1}
+
 
 @dataclass
 class Acknowledged:
@@ -117,7 +120,7 @@ def _iterate(url: str, known: Acknowledged, stop: threading.Event) -> None:
                 models, scans = list(known.entries["models"]), list(known.entries["scans"])
                 if models and scans:
                     roi = load_roi(CABINET / "open").tolist()
-                    body = {"model_id": models[0], "scan_ids": [scans[0]], "roi": roi, "particles": 60}
+                    body = {"model_id": models[0], "scan_ids": [scans[0]], "roi": roi, "particles": 60, "config": QUICK}
                     answer = client.post("/sessions", json=body)
                     if answer.status_code == 201:
                         known.iterations[answer.json()["id"]] = 0

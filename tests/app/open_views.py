@@ -75,4 +75,4 @@ def looking(served: Any, view: str, reads: bool = True) -> Iterator[None]:
 
 def painter(served: Any, view: str) -> Any:
     views = served.app.state.views
-    return views.painter(views._views[view.split("/")[4], view.split("/")[6]])
+    return views._views[view.split("/")[4], view.split("/")[6]].painter

@@ -77,13 +77,13 @@ def _base(root: Path) -> dict[str, str]:
 def _add_scan(store: Store) -> str:
     with store.staging() as staging:
         write_scan(staging.folder / "scan.npz", SCAN)
-        return str(store.add_scan(staging.folder / "scan.npz", "a.pcd", {"points": 6})["id"])
+        return str(store.add("scans", staging.folder / "scan.npz", "a.pcd", {"points": 6})["id"])
 
 
 def _add_model(store: Store) -> str:
     with store.staging() as staging:
         (staging.folder / "a.urdf").write_text("<robot/>")
-        return str(store.add_model(staging.folder / "a.urdf", "a.urdf", {"name": "a"})["id"])
+        return str(store.add("models", staging.folder / "a.urdf", "a.urdf", {"name": "a"})["id"])
 
 
 def _run(root: Path, action: Callable[[Store], object], step: int) -> bool:

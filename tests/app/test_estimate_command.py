@@ -28,6 +28,8 @@ QUICK = [
     "search_proposals=300",
     "--config",
     "search_iterations=2",
+    "--config",
+    "search_islands=1",
 ]
 
 

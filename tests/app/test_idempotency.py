@@ -36,15 +36,15 @@ def test_a_call_made_twice_is_done_once(store: Store) -> None:
         made.append(1)
         return {"id": len(made)}
 
-    assert store.idempotency.once("k", "print", make) == ({"id": 1}, False)
-    assert store.idempotency.once("k", "print", make) == ({"id": 1}, True)
+    assert store.idempotency.once("k", "print", make) == {"id": 1}
+    assert store.idempotency.once("k", "print", make) == {"id": 1}
     store = reopened(store)
-    assert store.idempotency.once("k", "print", make) == ({"id": 1}, True)
+    assert store.idempotency.once("k", "print", make) == {"id": 1}
     with pytest.raises(HttpProblem, match="was used for a call with other content") as caught:
         store.idempotency.once("k", "other", make)
     assert caught.value.status == 422
-    assert store.idempotency.once("other k", "other", make) == ({"id": 2}, False)
-    assert store.idempotency.once(None, "print", make) == ({"id": 3}, False)
+    assert store.idempotency.once("other k", "other", make) == {"id": 2}
+    assert store.idempotency.once(None, "print", make) == {"id": 3}
     store.close()
 
 
@@ -54,7 +54,7 @@ def test_a_call_that_failed_may_be_made_again(store: Store) -> None:
 
     with pytest.raises(HttpProblem, match="no"):
         store.idempotency.once("k", "print", fail)
-    assert store.idempotency.once("k", "print", lambda: {"id": 1}) == ({"id": 1}, False)
+    assert store.idempotency.once("k", "print", lambda: {"id": 1}) == {"id": 1}
 
 
 def test_the_same_call_at_the_same_time_has_to_wait(store: Store) -> None:
@@ -73,7 +73,7 @@ def test_the_same_call_at_the_same_time_has_to_wait(store: Store) -> None:
     assert caught.value.status == 409
     go_on.set()
     first.join()
-    assert store.idempotency.once("k", "print", slow) == ({"id": 1}, True)
+    assert store.idempotency.once("k", "print", slow) == {"id": 1}
 
 
 def test_what_was_made_is_answered_even_where_it_cannot_be_remembered(
@@ -83,7 +83,7 @@ def test_what_was_made_is_answered_even_where_it_cannot_be_remembered(
         raise OSError(errno.ENOSPC, "full")
 
     monkeypatch.setattr(atomic_files, "write_json", full)
-    assert store.idempotency.once("k", "print", lambda: {"id": 1}) == ({"id": 1}, False)
+    assert store.idempotency.once("k", "print", lambda: {"id": 1}) == {"id": 1}
     assert "could not be kept" in caplog.text
 
 

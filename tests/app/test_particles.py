@@ -24,8 +24,8 @@ from tests.app.test_palette import VISION, lab
 
 @pytest.fixture(scope="module")
 def path(client: httpx.Client) -> str:
-    """A session at iteration 6, the first two of them a search."""
-    return small.after(client, 6)
+    """A session at iteration 6, the first two of them a search that keeps many hypotheses and finds the object."""
+    return small.after(client, 6, config=small.QUICK | {"search_islands": 40})
 
 
 @pytest.fixture(scope="module")

@@ -19,8 +19,8 @@ import pytest
 from app.commands.serve import link
 from app.routes.start_page import MEDIA_TYPES, STATIC
 from app.server_config import ServerConfig, config_from, default_data_dir, environment_name
-from app.version import version
 from pmpnbp.errors import SettingError
+from pmpnbp.version import version
 
 PROJECT = Path(__file__).resolve().parents[2]
 

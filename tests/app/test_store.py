@@ -18,6 +18,7 @@ from app.problems import HttpProblem
 from app.store.disk_room import folder_size
 from app.store.store import Kind, Store, StoreError
 from app.store.stored_scan import read_scan, write_scan
+from pmpnbp.errors import DiskFullError
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.scan_files import load_scan
@@ -47,19 +48,19 @@ def reopened(store: Store, max_bytes: int = ROOM) -> Store:
 def add_scan(store: Store, scan: Scan = SCAN) -> str:
     with store.staging() as staging:
         write_scan(staging.folder / "scan.npz", scan)
-        return str(store.add_scan(staging.folder / "scan.npz", "a.pcd", {"points": 5})["id"])
+        return str(store.add("scans", staging.folder / "scan.npz", "a.pcd", {"points": 5})["id"])
 
 
 def add_model(store: Store, content: bytes = b"<robot/>", file_name: str = "a.urdf") -> str:
     with store.staging() as staging:
         (staging.folder / "x").write_bytes(content)
-        return str(store.add_model(staging.folder / "x", file_name, {"name": "a", "links": ["é"]})["id"])
+        return str(store.add("models", staging.folder / "x", file_name, {"name": "a", "links": ["é"]})["id"])
 
 
 def add_recording(store: Store) -> str:
     with store.staging() as staging:
         (staging.folder / "x").write_bytes(b"SQLite")
-        return str(store.add_recording(staging.folder / "x", "r.sqlite", {"iterations": 3})["id"])
+        return str(store.add("recordings", staging.folder / "x", "r.sqlite", {"iterations": 3})["id"])
 
 
 def same(a: Scan, b: Scan) -> bool:
@@ -183,14 +184,13 @@ def test_a_full_disk_is_said_and_changes_nothing(call: str, store: Store, monkey
         write_scan(staging.folder / "scan.npz", SCAN)
         with monkeypatch.context() as patch:
             patch.setattr(*((Path, "mkdir") if call == "mkdir" else (os, call)), full)
-            with pytest.raises(HttpProblem, match="is full; nothing was changed") as caught:
-                store.add_scan(staging.folder / "scan.npz", "b.pcd", {})
-            assert caught.value.status == 507
+            with pytest.raises(DiskFullError, match="is full; nothing was changed"):
+                store.add("scans", staging.folder / "scan.npz", "b.pcd", {})
             if call in ("replace", "fsync"):
-                with pytest.raises(HttpProblem, match="is full"):
+                with pytest.raises(DiskFullError, match="is full"):
                     store.write_session(session, {"name": "new"})
             if call != "replace":  # which moves no file of a session
-                with pytest.raises(HttpProblem, match="is full"):
+                with pytest.raises(DiskFullError, match="is full"):
                     store.create_session({"name": "new"})
     assert (store.documents("models"), store.documents("scans"), store.sessions(), store.used_bytes()) == before
     store = reopened(store)

@@ -48,6 +48,8 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
             "search_iterations=2",
             "--config",
             "search_proposals=300",
+            "--config",
+            "search_islands=1",
             "--recording",
             str(path),
             "--out",

@@ -156,7 +156,7 @@ def test_a_shared_link_shows_the_same(page: Page, served: Served, session: str, 
     page.get_by_role("button", name=re.compile("^drawer1, ")).click()
     panel = tab(page, "Share")
     link = panel.get_by_label("Link to this session, iteration and camera")
-    expect(link).to_have_value(re.compile("iteration=4.*part=drawer1.*camera="))
+    expect(link).to_have_value(re.compile(r"iteration=4.*part=drawer1.*camera=(1\.9|2)"))
     expect(panel.locator("#share-curl")).to_contain_text("beliefs/drawer1?iteration=4")
     for name in ("Recording", "Picture", "Estimate", "3D scene"):
         path = panel.get_by_role("link", name=name).get_attribute("href")
@@ -166,8 +166,8 @@ def test_a_shared_link_shows_the_same(page: Page, served: Served, session: str, 
     theirs.locator("body[data-ready]").wait_for()
     expect(theirs.locator("#shown")).to_have_text(re.compile("4 / 6"))
     expect(theirs.get_by_role("heading", name="drawer1", exact=True)).to_be_visible()
-    wait(theirs, lambda: view(theirs, served)["camera"] is not None)
-    assert np.allclose(view(theirs, served)["camera"]["position"], [2, 2, 2], atol=0.05)
+    # a view has a camera of its own until the page has been heard
+    wait(theirs, lambda: np.allclose((view(theirs, served)["camera"] or {}).get("position", 0), [2, 2, 2], atol=0.05))
     assert theirs.locator("#scene").get_attribute("src") != page.locator("#scene").get_attribute("src")
 
 

@@ -24,6 +24,7 @@ STANDS_OUT = 3.0
 KIND_COLOURS = {
     PixelKind.EXPLAINED: "#0072b2",
     PixelKind.ON_SUPPORT: "#56b4e9",
+    PixelKind.GOES_ON: "#009e73",
     PixelKind.IN_FRONT: "#f0c83c",
     PixelKind.SEEN_THROUGH: "#c8430a",
     PixelKind.NO_DEPTH: "#8a8f98",
@@ -33,6 +34,7 @@ KIND_NAMES = {
     PixelKind.NOT_COVERED: "not covered",
     PixelKind.EXPLAINED: "explained",
     PixelKind.ON_SUPPORT: "on a support plane",
+    PixelKind.GOES_ON: "on a surface that goes on",
     PixelKind.IN_FRONT: "something in front",
     PixelKind.SEEN_THROUGH: "free space violated",
     PixelKind.NO_DEPTH: "no depth",

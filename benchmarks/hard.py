@@ -109,7 +109,7 @@ def _polished_scores(case: Case, prior: UniformPrior, settings: Settings, trial:
     for root, joints in ((trial.part_poses[0], trial.joint_positions), (case.true_poses[0], true_joints)):
         rng = np.random.default_rng(0)
         _, _, score = polish(rng, problem, root[None], joints[None], plan, plan.tolerance, POLISH_ROUNDS)
-        found.append(score)
+        found.append(float(score[0]))
     return found[0], found[1]
 
 

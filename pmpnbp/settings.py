@@ -84,6 +84,9 @@ class Settings:
     free_space_cost: float = _setting(1.0, "", "cost of a pixel where the scan sees through the surface", low=0)
     occlusion_cost: float = _setting(0.02, "", "cost of a pixel where something stands before the surface", low=0)
     support_reward: float = _setting(0.1, "", "largest reward of a pixel on a floor, wall or table", low=0)
+    continued_reward: float = _setting(
+        0.1, "", "share of a pixel's reward on a smooth surface that goes on where the object ends", paper=1.0, low=0
+    )
     unary_scale: float = _setting(1.0, "", "lambda_r of eq. 10 where weights are not tempered", low=0)
     effective_share: float = _setting(
         0.15, "", "share of particles that tempering keeps effective; 0 turns tempering off", paper=0.0, low=0

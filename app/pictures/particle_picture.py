@@ -244,6 +244,7 @@ def _legend(counts: dict[PixelKind, int], score: PixelScore) -> list[tuple[Colou
     worth = {
         PixelKind.EXPLAINED: "up to +1",
         PixelKind.ON_SUPPORT: f"up to +{score.support_reward:g}",
+        PixelKind.GOES_ON: f"up to +{score.continued_reward:g}",
         PixelKind.IN_FRONT: f"{-score.occlusion_cost:g}",
         PixelKind.SEEN_THROUGH: f"{-score.free_space_cost:g}",
         PixelKind.NO_DEPTH: "0",

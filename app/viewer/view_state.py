@@ -21,7 +21,8 @@ Theme = Literal["light", "dark"]
 THEMES: tuple[Theme, ...] = get_args(Theme)
 
 # A scan's points have a depth; one that is not covered is plain.
-_KINDS_OF_POINTS = (*(kind for kind in KIND_COLOURS if kind != PixelKind.NO_DEPTH), PixelKind.NOT_COVERED)
+_NOT_OF_POINTS = PixelKind.NO_DEPTH, PixelKind.GOES_ON
+_KINDS_OF_POINTS = (*(kind for kind in KIND_COLOURS if kind not in _NOT_OF_POINTS), PixelKind.NOT_COVERED)
 # Metres: no scene reaches farther.
 MAX_COORDINATE = 1e4
 _Coordinate = Annotated[float, Field(ge=-MAX_COORDINATE, le=MAX_COORDINATE)]

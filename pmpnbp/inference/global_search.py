@@ -55,10 +55,12 @@ SWEEPS = 3
 
 @dataclass(frozen=True)
 class Settling:
-    """How much is spent on the last word of the search: hypotheses polished, over how many rounds, and the rivals among
-    them that are polished further and compared."""
+    """How much is spent on the last word of the search: hypotheses that are polished for a round, those of them that
+    are given quarter turns, how many stay for `rounds` more, and the rivals among these that are polished on."""
 
     finalists: int
+    turned: int
+    stay: int
     rounds: int
     rivals: int
     last_rounds: int
@@ -66,8 +68,8 @@ class Settling:
 
 # Without a prior quarter turns of the whole object compete, which differ by little until they are in place; a prior
 # leaves mostly one.
-SETTLE_UNINFORMED = Settling(finalists=5, rounds=3, rivals=4, last_rounds=12)
-SETTLE_INFORMED = Settling(finalists=3, rounds=2, rivals=2, last_rounds=4)
+SETTLE_UNINFORMED = Settling(finalists=20, turned=6, stay=20, rounds=3, rivals=6, last_rounds=12)
+SETTLE_INFORMED = Settling(finalists=6, turned=0, stay=4, rounds=2, rivals=2, last_rounds=4)
 
 
 def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, IterationReport]:
@@ -138,32 +140,10 @@ def _settled(
     """
     effort = SETTLE_UNINFORMED if isinstance(problem.prior, UniformPrior) else SETTLE_INFORMED
     finalists = finalists.taken(np.arange(min(effort.finalists, len(finalists.roots))))
-    if isinstance(problem.prior, UniformPrior):
-        centre = poses.transform_points(finalists.part_poses[:, 0], problem.mrf.centres[0])
-        turns = [
-            _turned(finalists.roots, centre, axis, quarter)
-            for axis in _turning_axes(problem, finalists.roots)
-            for quarter in (1, 2, 3)
-        ]
-        turned = np.concatenate(turns)
-        # a front is not where the back was: each turn is tried in many places near its own
-        noise = rng.standard_normal((len(turned) * FLIP_PLACES, 6))
-        near = poses.perturb(
-            np.repeat(turned, FLIP_PLACES, axis=0),
-            plan.diffusion_position * noise[:, :3],
-            FLIP_ROTATION * plan.diffusion_rotation * noise[:, 3:],
-            problem.mrf.centres[0],
-        )
-        parent = np.repeat(np.tile(np.arange(len(centre)), len(turns)), FLIP_PLACES)
-        flipped = Proposals(
-            roots=near,
-            joints=finalists.joints[parent],
-            source=np.full(len(near), FLIP, dtype=np.uint8),
-            ancestor=finalists.ancestor[parent],
-        )
-        flips = walk(rng, problem, flipped, plan)
-        best = flips.unary.sum(axis=1).reshape(-1, FLIP_PLACES).argmax(axis=1) + np.arange(len(turned)) * FLIP_PLACES
-        finalists = finalists.joined(flips.taken(best))
+    if effort.turned:
+        finalists = finalists.joined(_quarter_turns(rng, problem, finalists, plan, effort.turned))
+    finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, 1)
+    finalists = finalists.taken(np.argsort(-score, kind="stable")[: effort.stay])
     finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, effort.rounds)
     order = np.argsort(-score, kind="stable")
     chosen, _ = distinct(problem, finalists, order, effort.rivals, plan.diffusion_position)
@@ -175,6 +155,40 @@ def _settled(
     return replace(rivals, roots=roots, joints=joints, part_poses=problem.mrf.model.part_poses(roots, joints)), score
 
 
+def _quarter_turns(
+    rng: np.random.Generator, problem: Problem, finalists: Hypotheses, plan: Schedule, count: int
+) -> Hypotheses:
+    """The first `count` of the finalists turned by quarters, about the root part's middle and about the object's."""
+    finalists = finalists.taken(np.arange(min(count, len(finalists.roots))))
+    middles = poses.transform_points(finalists.part_poses, problem.mrf.centres)
+    turned = np.concatenate(
+        [
+            _turned(finalists.roots, centre, axis, quarter)
+            for centre in (middles[:, 0], middles.mean(axis=1))
+            for axis in _turning_axes(problem, finalists.roots)
+            for quarter in (1, 2, 3)
+        ]
+    )
+    # a front is not where the back was: each turn is tried in many places near its own
+    noise = rng.standard_normal((len(turned) * FLIP_PLACES, 6))
+    near = poses.perturb(
+        np.repeat(turned, FLIP_PLACES, axis=0),
+        plan.diffusion_position * noise[:, :3],
+        FLIP_ROTATION * plan.diffusion_rotation * noise[:, 3:],
+        problem.mrf.centres[0],
+    )
+    parent = np.repeat(np.tile(np.arange(len(middles)), len(turned) // len(middles)), FLIP_PLACES)
+    flipped = Proposals(
+        roots=near,
+        joints=finalists.joints[parent],
+        source=np.full(len(near), FLIP, dtype=np.uint8),
+        ancestor=finalists.ancestor[parent],
+    )
+    flips = walk(rng, problem, flipped, plan)
+    best = flips.unary.sum(axis=1).reshape(-1, FLIP_PLACES).argmax(axis=1) + np.arange(len(turned)) * FLIP_PLACES
+    return flips.taken(best)
+
+
 def _tight(problem: Problem) -> float:
     """Metres: the tolerance of the search's last word."""
     return FINAL_TOLERANCE * problem.settings.tolerance_end
@@ -184,14 +198,8 @@ def _polished(
     rng: np.random.Generator, problem: Problem, tried: Hypotheses, plan: Schedule, tolerance: float, rounds: int
 ) -> tuple[Hypotheses, Array]:
     """Hypotheses moved to their best places at a tolerance, and their whole-object scores there."""
-    score = np.empty(len(tried.roots))
-    roots, joints = tried.roots.copy(), tried.joints.copy()
-    for i in range(len(score)):
-        roots[i], joints[i], score[i] = polish(
-            rng, problem, roots[i : i + 1], joints[i : i + 1], plan, tolerance, rounds
-        )
-    part_poses = problem.mrf.model.part_poses(roots, joints)
-    return replace(tried, roots=roots, joints=joints, part_poses=part_poses), score
+    roots, joints, score = polish(rng, problem, tried.roots, tried.joints, plan, tolerance, rounds)
+    return replace(tried, roots=roots, joints=joints, part_poses=problem.mrf.model.part_poses(roots, joints)), score
 
 
 def _proposals(

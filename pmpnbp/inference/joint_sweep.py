@@ -34,19 +34,18 @@ def sweep(
     for _ in range(most):
         here = float(configuration_scores(problem, root[None], joints[None], plan.tolerance)[0])
         elsewhere = sorted(_elsewhere(rng, problem, root, joints, plan), key=lambda moved: -moved[1])[:CANDIDATES]
-        found = [
-            polish(rng, problem, root[None], q[None], plan, plan.tolerance, ROUNDS)
-            for q, score in elsewhere
-            if score > here - LOSS_BEFORE * abs(here)
-        ]
-        found.sort(key=lambda result: -result[2])
-        rivals = [(root, joints)] + [
-            (r, q) for r, q, score in found[:FINALISTS] if score > here - LOSS_AFTER * abs(here)
-        ]
-        if len(rivals) == 1:
+        worth = [q for q, score in elsewhere if score > here - LOSS_BEFORE * abs(here)]
+        if not worth:
             break
-        polished = [polish(rng, problem, r[None], q[None], plan, tolerance, LAST_ROUNDS) for r, q in rivals]
-        root, joints, _ = max(polished, key=lambda result: result[2])
+        roots = np.tile(root, (len(worth), 1))
+        roots, moved, score = polish(rng, problem, roots, np.stack(worth), plan, plan.tolerance, ROUNDS)
+        kept = np.argsort(-score, kind="stable")[:FINALISTS]
+        kept = kept[score[kept] > here - LOSS_AFTER * abs(here)]
+        if not len(kept):
+            break
+        roots, moved = np.concatenate([root[None], roots[kept]]), np.concatenate([joints[None], moved[kept]])
+        roots, moved, score = polish(rng, problem, roots, moved, plan, tolerance, LAST_ROUNDS)
+        root, joints = roots[score.argmax()], moved[score.argmax()]
     return root, joints, float(configuration_scores(problem, root[None], joints[None], tolerance)[0])
 
 

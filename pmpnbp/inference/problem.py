@@ -15,8 +15,13 @@ from pmpnbp.potentials.surfaces import Surfaces, prepare_surfaces
 from pmpnbp.potentials.unary import PixelScore, Renderer, unary_scores
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.observation import Observation
+from pmpnbp.scene.observe import without_longer_surfaces
+from pmpnbp.scene.patches import length
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.settings import Schedule, SessionOptions, Settings, check_method, schedule
+
+# A smooth surface this many times longer than the object is none of its own.
+LONGER = 1.15
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +77,12 @@ class Problem:
         """The pixel score of the settings at a tolerance in metres."""
         chosen = self.settings
         return PixelScore(
-            chosen.pixel_score, tolerance, chosen.free_space_cost, chosen.occlusion_cost, chosen.support_reward
+            chosen.pixel_score,
+            tolerance,
+            chosen.free_space_cost,
+            chosen.occlusion_cost,
+            chosen.support_reward,
+            chosen.continued_reward,
         )
 
     def unary(
@@ -130,6 +140,8 @@ def build(
     turns = np.zeros(model.dof, dtype=bool)
     for edge in model.edges:
         turns[edge.coordinates] |= edge.revolute
+    if settings.continued_reward < 1.0:
+        observation = without_longer_surfaces(observation, LONGER * _length(model))
     return Problem(
         mrf=mrf_module.build(model),
         observation=observation,
@@ -144,6 +156,17 @@ def build(
         joint_turns=turns,
         method=method,
     )
+
+
+def _length(model: ArticulatedObject) -> float:
+    """Metres from one end to the other of the longest part, or of the object at rest where that is longer."""
+    at_rest = model.part_poses(poses.IDENTITY, np.clip(0.0, model.lower, model.upper))
+    clouds = [
+        poses.transform_points(pose, part.mesh.vertices)
+        for pose, part in zip(at_rest, model.parts, strict=True)
+        if len(part.mesh.vertices)
+    ]
+    return max(map(length, [*clouds, np.concatenate(clouds)])) if clouds else np.inf
 
 
 def _narrowed(model: ArticulatedObject, known: dict[int, tuple[float, float]]) -> ArticulatedObject:

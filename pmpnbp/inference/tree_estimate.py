@@ -57,8 +57,9 @@ def improve(
     roots, joints = np.concatenate([r for r, _ in found]), np.concatenate([q for _, q in found])
     if state.root is not None and state.joints is not None:
         roots, joints = np.concatenate([roots, state.root[None]]), np.concatenate([joints, state.joints[None]])
-    roots, joints, score = polish(rng, problem, roots, joints, plan, plan.tolerance, rounds=2)
-    return roots, joints, model.part_poses(roots, joints), score
+    top = configuration_scores(problem, roots, joints, plan.tolerance).argmax()
+    roots, joints, score = polish(rng, problem, roots[[top]], joints[[top]], plan, plan.tolerance, rounds=2)
+    return roots[0], joints[0], model.part_poses(roots[0], joints[0]), float(score[0])
 
 
 def polish(
@@ -69,20 +70,24 @@ def polish(
     plan: Schedule,
     tolerance: float,
     rounds: int,
-) -> tuple[Array, Array, float]:
-    """The best of configurations (C, 7), (C, D) after `rounds` of small variations: root, joints and its score."""
-    score = configuration_scores(problem, roots, joints, tolerance)
-    top = int(score.argmax())
-    root, q, best = roots[top], joints[top], float(score[top])
+) -> tuple[Array, Array, Array]:
+    """Each of H configurations (H, 7), (H, D) in the best place that `rounds` of small variations find it: roots,
+    joints and scores (H,)."""
+    roots, joints = roots.copy(), joints.copy()
+    best = configuration_scores(problem, roots, joints, tolerance)
+    rows = np.arange(len(roots))
     for _ in range(rounds):
-        varied = vary(rng, problem, root, q, VARIATIONS, plan)
-        registered = register(rng, problem, root, q, REGISTRATIONS, plan, tolerance)
-        roots, joints = (np.concatenate(pair) for pair in zip(varied, registered, strict=True))
-        score = configuration_scores(problem, roots, joints, tolerance)
-        top = int(score.argmax())
-        if score[top] > best:
-            root, q, best = roots[top], joints[top], float(score[top])
-    return root, q, best
+        varied = vary(rng, problem, roots, joints, VARIATIONS, plan)
+        registered = register(rng, problem, roots, joints, REGISTRATIONS, plan, tolerance)
+        tried_roots, tried_joints = (np.concatenate(pair, axis=1) for pair in zip(varied, registered, strict=True))
+        flat = tried_roots.reshape(-1, 7)
+        flat_joints = tried_joints.reshape(len(flat), joints.shape[1])
+        score = configuration_scores(problem, flat, flat_joints, tolerance).reshape(len(roots), -1)
+        top = score.argmax(axis=1)
+        better = score[rows, top] > best
+        roots[better], joints[better] = tried_roots[rows, top][better], tried_joints[rows, top][better]
+        best[better] = score[rows, top][better]
+    return roots, joints, best
 
 
 def configuration_scores(problem: Problem, roots: Array, joints: Array, tolerance: float) -> Array:
@@ -124,9 +129,9 @@ def assemble(mrf: Mrf, part_poses: Array, anchor: int) -> tuple[Array, Array]:
 
 
 def vary(
-    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, count: int, plan: Schedule
+    rng: np.random.Generator, problem: Problem, roots: Array, joints: Array, count: int, plan: Schedule
 ) -> tuple[Array, Array]:
-    """`count` variations of a configuration: root poses (count, 7), joint vectors (count, D).
+    """`count` variations of each of H configurations (H, 7), (H, D): roots (H, count, 7), joints (H, count, D).
 
     A quarter moves the whole object and its joints at once. The others move one part, and all the rest stays where it
     is as far as the joints allow: the root, any part, or a joint's parent along that joint, so that a frame which
@@ -134,34 +139,41 @@ def vary(
     shorter, so that both an early and a late estimate moves; those along a joint stay long (JOINT_STEP), as nothing
     else holds them.
     """
-    model, mrf = problem.mrf.model, problem.mrf
-    scale = np.exp(rng.uniform(np.log(SHORTEST), 0.0, (count, 1)))
-    noise = rng.standard_normal((count, 6)) * (rng.random((count, 6)) < MOVED) * scale
-    shift, turn = plan.diffusion_position * noise[:, :3], plan.diffusion_rotation * noise[:, 3:]
-    rows = np.array_split(np.arange(count), 4)
+    model, mrf, many = problem.mrf.model, problem.mrf, len(roots)
+    scale = np.exp(rng.uniform(np.log(SHORTEST), 0.0, (many, count, 1)))
+    noise = rng.standard_normal((many, count, 6)) * (rng.random((many, count, 6)) < MOVED) * scale
+    shift, turn = plan.diffusion_position * noise[..., :3], plan.diffusion_rotation * noise[..., 3:]
+    at_once, root_rows, part_rows, joint_rows = np.array_split(np.arange(count), 4)
     reach = np.where(problem.joint_turns, plan.diffusion_position / LENGTH_PER_RADIAN, plan.diffusion_position)
-    some = rng.random((len(rows[0]), model.dof)) < MOVED
-    turned = reach * scale[rows[0]] * rng.standard_normal(some.shape) * some
-    roots = [poses.perturb(root, shift[rows[0]], turn[rows[0]], mrf.centres[0])]
-    varied = [within_limits(joints + turned, model.lower, model.upper, model.wraps)]
-    part_poses = model.part_poses(root, joints)
-    for group, anchor in ((1, 0), (2, int(rng.integers(mrf.nodes)))):
-        moved = np.tile(part_poses, (len(rows[group]), 1, 1))
-        moved[:, anchor] = poses.perturb(part_poses[anchor], shift[rows[group]], turn[rows[group]], mrf.centres[anchor])
-        new_roots, new_joints = assemble(mrf, moved, anchor)
-        roots.append(new_roots)
-        varied.append(new_joints)
-    moved = np.tile(part_poses, (len(rows[3]), 1, 1))
+    some = rng.random((many, len(at_once), model.dof)) < MOVED
+    turned = reach * scale[:, at_once] * rng.standard_normal(some.shape) * some
+    new_roots = [poses.perturb(roots[:, None], shift[:, at_once], turn[:, at_once], mrf.centres[0])]
+    new_joints = [within_limits(joints[:, None] + turned, model.lower, model.upper, model.wraps)]
+    part_poses = model.part_poses(roots, joints)[:, None]
+    for rows, anchor in ((root_rows, 0), (part_rows, int(rng.integers(mrf.nodes)))):
+        moved = np.tile(part_poses, (1, len(rows), 1, 1))
+        moved[:, :, anchor] = poses.perturb(moved[:, :, anchor], shift[:, rows], turn[:, rows], mrf.centres[anchor])
+        _put_together(mrf, moved, anchor, new_roots, new_joints)
+    moved = np.tile(part_poses, (1, len(joint_rows), 1, 1))
     anchor = 0
     if model.edges:
         edge = model.edges[int(rng.integers(len(model.edges)))]
         anchor = edge.parent
         step = np.where(edge.revolute, JOINT_STEP / max(mrf.radii[anchor], LEAST_LEVER), JOINT_STEP)
-        axes = edge.axis_positions(joints) + step * scale[rows[3]] * rng.standard_normal((len(moved), len(step)))
+        noise = scale[:, joint_rows] * rng.standard_normal((many, len(joint_rows), len(step)))
+        axes = edge.axis_positions(joints)[:, None] + step * noise
         relative = edge.pose_parent_child(within_limits(axes, edge.lower, edge.upper, edge.wraps))
-        moved[:, anchor] = poses.multiply(part_poses[edge.child], poses.inverse(relative))
-    new_roots, new_joints = assemble(mrf, moved, anchor)
-    return np.concatenate([*roots, new_roots]), np.concatenate([*varied, new_joints])
+        moved[:, :, anchor] = poses.multiply(moved[:, :, edge.child], poses.inverse(relative))
+    _put_together(mrf, moved, anchor, new_roots, new_joints)
+    return np.concatenate(new_roots, axis=1), np.concatenate(new_joints, axis=1)
+
+
+def _put_together(mrf: Mrf, moved: Array, anchor: int, new_roots: list[Array], new_joints: list[Array]) -> None:
+    """Append what `assemble` makes of part poses (H, C, N, 7)."""
+    shape = moved.shape[:2]
+    roots, joints = assemble(mrf, moved.reshape(-1, *moved.shape[2:]), anchor)
+    new_roots.append(roots.reshape(*shape, 7))
+    new_joints.append(joints.reshape(*shape, joints.shape[-1]))
 
 
 def _local_mean(belief: Belief, node: int, best: int, plan: Schedule) -> Array:

@@ -15,7 +15,8 @@ from pmpnbp.scene import observation as scene
 
 class PixelKind(IntEnum):
     """Within the tolerance a covered pixel is EXPLAINED, or ON_SUPPORT where it is on a support plane, or
-    OUTSIDE_ROI, worth nothing, where it is outside the region of interest. Beyond it the pixel is SEEN_THROUGH where
+    OUTSIDE_ROI, worth nothing, where it is outside the region of interest, or GOES_ON where it is on a surface longer
+    than the object. Beyond it the pixel is SEEN_THROUGH where
     the observed surface lies behind the rendered one (free space is violated), or is a support plane that the rendered
     one stands behind; both cost as much. It is IN_FRONT where anything else is nearer.
     """
@@ -27,9 +28,15 @@ class PixelKind(IntEnum):
     SEEN_THROUGH = 4
     NO_DEPTH = 5
     OUTSIDE_ROI = 6
+    GOES_ON = 7
 
 
-_WITHIN = {scene.OBJECT: PixelKind.EXPLAINED, scene.SUPPORT: PixelKind.ON_SUPPORT, scene.OUTSIDE: PixelKind.OUTSIDE_ROI}
+_WITHIN = {
+    scene.OBJECT: PixelKind.EXPLAINED,
+    scene.SUPPORT: PixelKind.ON_SUPPORT,
+    scene.OUTSIDE: PixelKind.OUTSIDE_ROI,
+    scene.CONTINUED: PixelKind.GOES_ON,
+}
 
 
 def pixel_kinds(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
+from pmpnbp.potentials.kernels import normal_equations as equations
 from pmpnbp.potentials.kernels import rasterised_scores, rasteriser, splatting
 from pmpnbp.potentials.kernels.pixel_scores import pack_view
 from pmpnbp.potentials.pixel_kinds import in_front
@@ -34,6 +35,8 @@ class PixelScore:
     free_space_cost : of a pixel whose observed surface lies behind the rendered one, or of a part behind a support
     occlusion_cost : of a pixel where something else is in front
     support_reward : share of the full reward that a pixel on a support plane can earn
+    continued_reward : the same of a pixel on a smooth surface that goes on beyond the object's outline; of a part
+        alone, whose outline is not the object's, on a surface longer than the object
     """
 
     form: Literal["robust", "distance"] = "robust"
@@ -41,6 +44,7 @@ class PixelScore:
     free_space_cost: float = 1.0
     occlusion_cost: float = 0.02
     support_reward: float = 0.1
+    continued_reward: float = 0.1
 
     def __post_init__(self) -> None:
         if self.form not in ("robust", "distance"):
@@ -50,10 +54,9 @@ class PixelScore:
 
     @property
     def terms(self) -> NDArray[np.float32]:
-        """tolerance, free space cost, occlusion cost, support reward, as the kernels take them."""
-        return np.array(
-            [self.tolerance, self.free_space_cost, self.occlusion_cost, self.support_reward], dtype=np.float32
-        )
+        """tolerance and costs, then rewards, as above and as the kernels take them."""
+        costs = self.free_space_cost, self.occlusion_cost
+        return np.array([self.tolerance, *costs, self.support_reward, self.continued_reward], dtype=np.float32)
 
 
 def unary_scores(
@@ -101,6 +104,33 @@ def object_scores(
         robust = score.form == "robust"
         rasterised_scores.add_object_scores(_image(view), surfaces.mesh, pose, score.terms, robust, shares)
     return shares.sum(axis=1), shares
+
+
+def normal_equations(
+    observation: Observation,
+    surfaces: Surfaces,
+    poses_world_part: Array,
+    probes: Array,
+    score: PixelScore,
+    gates: Array,
+    steepest: float,
+) -> tuple[Array, Array]:
+    """Least squares of the depth residuals of H whole objects in P parameters: information (H, G, P, P) and gradient
+    (H, G, P), in squares of the score's tolerance, from the pixels whose residual is below each of `gates` (G,) metres.
+
+    poses_world_part : (H, 1 + P, N, 7), as it is and with each parameter moved by its probe; probes : (H, P)
+    steepest : metres: a pixel whose depth changes by more shows another surface, and has no slope
+    A pixel weighs the most that it can add to the object's score.
+    """
+    count, moved = poses_world_part.shape[:2]
+    shape = count, len(gates), moved - 1
+    pose = _checked(poses_world_part, (count, moved, len(surfaces.centres), 7))
+    information, gradient = np.zeros((*shape, moved - 1)), np.zeros(shape)
+    for view in observation.views:
+        equations.add_normal_equations(
+            _image(view), surfaces.mesh, pose, probes, score.terms, gates, steepest, information, gradient
+        )
+    return information / score.tolerance**2, gradient / score.tolerance**2
 
 
 def render(
@@ -171,9 +201,9 @@ def _view(camera: Camera) -> tuple[Array, Array, int, int]:
     return lens, poses.inverse(np.asarray(camera.pose_world_camera, dtype=np.float64)), camera.width, camera.height
 
 
-def _image(view: View) -> tuple[NDArray[np.int32], Array, Array]:
+def _image(view: View) -> tuple[NDArray[np.int32], Array, Array, NDArray[np.int16]]:
     """A view as the scoring kernels take it."""
     depth = np.ascontiguousarray(view.depth, dtype=np.float32)
     packed = pack_view(depth, np.ascontiguousarray(view.category, dtype=np.uint8))
     lens, pose_camera_world, _, _ = _view(view.camera)
-    return packed, lens, pose_camera_world
+    return packed, lens, pose_camera_world, view.patches

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
+from pmpnbp.scene.patches import smooth_patches
 
 # What a pixel of a view is to the unary potential.
-NO_DEPTH, OBJECT, SUPPORT, OUTSIDE = 0, 1, 2, 3
+NO_DEPTH, OBJECT, SUPPORT, OUTSIDE, CONTINUED = 0, 1, 2, 3, 4
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class View:
 
     camera : of the small image; depth : (h, w) float32, metres, 0 where nothing was measured
     category : (h, w) uint8: NO_DEPTH, OBJECT (may be the object), SUPPORT (on a support plane), OUTSIDE (measured,
-        but outside the region of interest)
+        but outside the region of interest), CONTINUED (on a smooth surface longer than any part of the object)
     normals : (h, w, 3) float32, in the camera frame, towards the camera; zero where unknown
     """
 
@@ -42,6 +44,11 @@ class View:
     depth: NDArray[np.float32]
     category: NDArray[np.uint8]
     normals: NDArray[np.float32]
+
+    @cached_property
+    def patches(self) -> NDArray[np.int16]:
+        """(h, w): the smooth surface that each pixel lies on, 1, 2, ..., or 0: see `scene/patches.py`."""
+        return smooth_patches(self.depth)
 
 
 @dataclass(frozen=True)

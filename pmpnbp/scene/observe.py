@@ -2,7 +2,8 @@
 
 Each scan is cropped to the projection of the region of interest with a margin, because the free space around an object
 is evidence too, and binned to a working size. Each of its pixels is told apart: on a support plane, outside the region,
-or possibly the object. Planes are found in all views together.
+or possibly the object. Planes are found in all views together. What the object can be matched against is less still
+once the object is known: a smooth surface longer than it goes on where it ends.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import IDENTITY, Array
 from pmpnbp.scene.normals import surface_normals
-from pmpnbp.scene.observation import NO_DEPTH, OBJECT, OUTSIDE, SUPPORT, Observation, Scan, View
+from pmpnbp.scene.observation import CONTINUED, NO_DEPTH, OBJECT, OUTSIDE, SUPPORT, Observation, Scan, View
+from pmpnbp.scene.patches import patch_lengths
 from pmpnbp.scene.support_planes import ScenePoints, find_support_planes
 
 # Pixels of the work image kept around the region's points.
@@ -231,12 +233,35 @@ def _view(
     world = _world(camera, camera.back_project(depth))
     category = pixel_categories(depth, world, roi, planes, base, growth)
     normals = surface_normals(depth, camera)
-    chosen = (category == OBJECT) & (normals != 0).any(axis=-1)
-    rotation = poses.to_matrix(camera.pose_world_camera)[:3, :3]
     for array in (depth, category, normals):
         array.setflags(write=False)
-    points = world[chosen].astype(np.float64)
-    return View(camera, depth, category, normals), points, normals[chosen].astype(np.float64) @ rotation.T
+    view = View(camera, depth, category, normals)
+    return view, *_oriented_points(view, world)
+
+
+def _oriented_points(view: View, world: NDArray[np.float32]) -> tuple[Array, Array]:
+    """Those of the view's `world` points (h, w, 3) that may be the object and have a normal, and these, (P, 3) each."""
+    chosen = (view.category == OBJECT) & (view.normals != 0).any(axis=-1)
+    rotation = poses.to_matrix(view.camera.pose_world_camera)[:3, :3]
+    return world[chosen].astype(np.float64), view.normals[chosen].astype(np.float64) @ rotation.T
+
+
+def without_longer_surfaces(observation: Observation, length: float) -> Observation:
+    """The observation of an object that is at most `length` metres long: what lies on a longer smooth surface is
+    CONTINUED where it was OBJECT, and none of `points`. As it is where nothing is left."""
+    views, points, normals = [], [], []
+    for view in observation.views:
+        world = _world(view.camera, view.camera.back_project(view.depth))
+        longer = (patch_lengths(view.patches, world) > length)[view.patches]
+        category = np.where(longer & (view.category == OBJECT), np.uint8(CONTINUED), view.category)
+        category.setflags(write=False)
+        views.append(replace(view, category=category))
+        view_points, view_normals = _oriented_points(views[-1], world)
+        points.append(view_points)
+        normals.append(view_normals)
+    if not any(map(len, points)):
+        return observation
+    return replace(observation, views=tuple(views), points=np.concatenate(points), normals=np.concatenate(normals))
 
 
 def _has_pose(scans: Sequence[Scan]) -> bool:

@@ -113,10 +113,10 @@ def test_variations_stay_within_limits_and_near(scene: problem.Problem, rng: np.
     model = scene.mrf.model
     root, joints = worlds.cupboard_truth()
     plan = schedule(scene.settings, 10)
-    roots, varied = vary(rng, scene, root, joints, 24, plan)
-    assert roots.shape == (24, 7) and varied.shape == (24, 2)
+    roots, varied = vary(rng, scene, np.tile(root, (3, 1)), np.tile(joints, (3, 1)), 24, plan)
+    assert roots.shape == (3, 24, 7) and varied.shape == (3, 24, 2)
     assert np.all((varied >= model.lower) & (varied <= model.upper))
-    moved = np.linalg.norm(roots[:, :3] - root[:3], axis=1)
+    moved = np.linalg.norm(roots[..., :3] - root[:3], axis=-1)
     assert 0 < moved.max() < 0.5
 
 
@@ -129,11 +129,25 @@ def test_the_truth_scores_best_and_polishing_never_loses(scene: problem.Problem,
     assert start < truth
     wide = schedule(scene.settings, 6)
     scores = [
-        polish(np.random.default_rng(1), scene, off[None], joints[None] - 0.02, wide, plan.tolerance, rounds)[2]
+        polish(np.random.default_rng(1), scene, off[None], joints[None] - 0.02, wide, plan.tolerance, rounds)[2][0]
         for rounds in (0, 2, 10)
     ]
     assert scores[0] == pytest.approx(start)
     assert scores == sorted(scores) and scores[-1] > start
+
+
+def test_hypotheses_are_polished_each_for_itself(scene: problem.Problem) -> None:
+    """None gets worse, none takes another's place, and one that lies far from all evidence stays there."""
+    root, joints = worlds.cupboard_truth()
+    plan = schedule(scene.settings, 12)
+    far = poses.perturb(root, np.array([0.0, 0.0, 30.0]), np.zeros(3))
+    off = poses.perturb(root, np.array([0.01, -0.01, 0.0]), np.zeros(3))
+    roots, many = np.stack([off, far, root]), np.tile(joints, (3, 1))
+    before = configuration_scores(scene, roots, many, plan.tolerance)
+    found, moved, scores = polish(np.random.default_rng(2), scene, roots, many, plan, plan.tolerance, 6)
+    assert np.all(scores >= before) and scores[0] > before[0]
+    np.testing.assert_allclose(scores, configuration_scores(scene, found, moved, plan.tolerance))
+    assert np.linalg.norm(found[0, :3] - root[:3]) < 0.01 and np.linalg.norm(found[1, :3] - far[:3]) < 1.0
 
 
 def test_the_estimate_agrees_with_the_tree_and_keeps_the_best_it_had(

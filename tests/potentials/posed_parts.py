@@ -12,7 +12,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.potentials.surfaces import Surfaces
 from pmpnbp.potentials.unary import render
 from pmpnbp.scene.articulated_object import ArticulatedObject, Mesh, Part
-from pmpnbp.scene.observation import NO_DEPTH, OBJECT, OUTSIDE, SUPPORT, Observation, View
+from pmpnbp.scene.observation import CONTINUED, NO_DEPTH, OBJECT, OUTSIDE, SUPPORT, Observation, View
 
 NOTHING = Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32))
 
@@ -67,7 +67,8 @@ def rough_view(rng: np.random.Generator, eye: Camera, surfaces: Surfaces, pose: 
     """What `eye` would see of the parts, made rough: noise, all categories mixed, holes."""
     depth, _ = render(eye, surfaces, pose)
     depth = np.where(depth > 0, depth, 2.0) + rng.normal(0.0, 0.02, depth.shape)
-    category = rng.choice([NO_DEPTH, OBJECT, SUPPORT, OUTSIDE], depth.shape, p=[0.1, 0.6, 0.2, 0.1]).astype(np.uint8)
+    kinds, shares = [NO_DEPTH, OBJECT, SUPPORT, OUTSIDE, CONTINUED], [0.1, 0.5, 0.2, 0.1, 0.1]
+    category = rng.choice(kinds, depth.shape, p=shares).astype(np.uint8)
     return view(eye, np.where(category == NO_DEPTH, 0.0, depth).astype(np.float32), category)
 
 

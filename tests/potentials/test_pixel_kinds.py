@@ -7,9 +7,9 @@ import pytest
 
 from pmpnbp.potentials.kernels.reference import robust_scores
 from pmpnbp.potentials.pixel_kinds import PixelKind, in_front, pixel_kinds
-from pmpnbp.scene.observation import NO_DEPTH, OBJECT, OUTSIDE, SUPPORT
+from pmpnbp.scene.observation import CONTINUED, NO_DEPTH, OBJECT, OUTSIDE, SUPPORT
 
-TOLERANCE, FREE, OCCLUDED, SUPPORTED = 0.02, 1.0, 0.03, 0.1
+TOLERANCE, FREE, OCCLUDED, SUPPORTED, GOING_ON = 0.02, 1.0, 0.03, 0.1, 0.2
 
 
 @pytest.mark.parametrize(
@@ -18,10 +18,12 @@ TOLERANCE, FREE, OCCLUDED, SUPPORTED = 0.02, 1.0, 0.03, 0.1
         (1.0, OBJECT, 1.01, PixelKind.EXPLAINED),
         (1.0, SUPPORT, 1.01, PixelKind.ON_SUPPORT),
         (1.0, OUTSIDE, 1.01, PixelKind.OUTSIDE_ROI),
+        (1.0, CONTINUED, 1.01, PixelKind.GOES_ON),
         (1.2, OBJECT, 1.0, PixelKind.SEEN_THROUGH),
         (1.2, SUPPORT, 1.0, PixelKind.SEEN_THROUGH),
         (0.8, OBJECT, 1.0, PixelKind.IN_FRONT),
         (0.8, OUTSIDE, 1.0, PixelKind.IN_FRONT),
+        (0.8, CONTINUED, 1.0, PixelKind.IN_FRONT),
         (0.8, SUPPORT, 1.0, PixelKind.SEEN_THROUGH),  # the part stands behind a floor or wall
         (0.0, NO_DEPTH, 1.0, PixelKind.NO_DEPTH),
         (1.0, OBJECT, 0.0, PixelKind.NOT_COVERED),
@@ -34,16 +36,17 @@ def test_every_kind_by_hand(observed: float, category: int, rendered: float, kin
 
 
 def test_each_kind_is_worth_what_the_score_says(rng: np.random.Generator) -> None:
-    category = rng.integers(0, 4, 20_000).astype(np.uint8)
+    category = rng.integers(0, 5, 20_000).astype(np.uint8)
     rendered = rng.uniform(0.5, 2.0, 20_000).astype(np.float32)
     observed = (rendered + rng.uniform(-2, 2, 20_000) * TOLERANCE).astype(np.float32)
     observed[category == NO_DEPTH] = 0
     kinds = pixel_kinds(observed, category, rendered, TOLERANCE)
-    worth = robust_scores(observed, category, rendered, np.array([TOLERANCE, FREE, OCCLUDED, SUPPORTED]))
+    worth = robust_scores(observed, category, rendered, np.array([TOLERANCE, FREE, OCCLUDED, SUPPORTED, GOING_ON]))
     of = {kind: worth[kinds == kind] for kind in PixelKind}
     assert all(len(of[kind]) > 1000 for kind in PixelKind if kind != PixelKind.NOT_COVERED)
     assert np.all(of[PixelKind.EXPLAINED] >= 0) and of[PixelKind.EXPLAINED].max() > 0.99
     assert np.all((of[PixelKind.ON_SUPPORT] >= 0) & (of[PixelKind.ON_SUPPORT] <= SUPPORTED))
+    assert np.all((of[PixelKind.GOES_ON] >= 0) & (of[PixelKind.GOES_ON] <= GOING_ON))
     np.testing.assert_allclose(of[PixelKind.SEEN_THROUGH], -FREE)
     np.testing.assert_allclose(of[PixelKind.IN_FRONT], -OCCLUDED)
     assert not np.any(of[PixelKind.NO_DEPTH]) and not np.any(of[PixelKind.OUTSIDE_ROI])

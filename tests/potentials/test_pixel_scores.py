@@ -8,12 +8,12 @@ import pytest
 from pmpnbp.potentials.kernels import pixel_scores, reference
 from pmpnbp.scene import observation
 
-TAU, FREE, OCCLUDED, SUPPORTED = 0.02, 1.0, 0.03, 0.1
-TERMS = np.array([TAU, FREE, OCCLUDED, SUPPORTED], dtype=np.float32)
+TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON = 0.02, 1.0, 0.03, 0.1, 0.2
+TERMS = np.array([TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON], dtype=np.float32)
 
 
 def test_the_kernels_categories_are_those_of_the_observation() -> None:
-    for name in ("NO_DEPTH", "OBJECT", "SUPPORT", "OUTSIDE"):
+    for name in ("NO_DEPTH", "OBJECT", "SUPPORT", "OUTSIDE", "CONTINUED"):
         assert getattr(pixel_scores, name) == getattr(observation, name)
 
 
@@ -34,6 +34,10 @@ def test_the_kernels_categories_are_those_of_the_observation() -> None:
         (observation.OUTSIDE, 0.0, 0.0),
         (observation.OUTSIDE, 0.5, -FREE),
         (observation.OUTSIDE, -0.5, -OCCLUDED),
+        (observation.CONTINUED, 0.0, GOING_ON),
+        (observation.CONTINUED, TAU / 2, 0.75 * GOING_ON),
+        (observation.CONTINUED, 0.5, -FREE),
+        (observation.CONTINUED, -0.5, -OCCLUDED),
     ],
 )
 def test_robust_score_of_a_pixel(category: int, difference: float, expected: float) -> None:
@@ -47,7 +51,13 @@ def test_robust_score_of_a_pixel(category: int, difference: float, expected: flo
 
 @pytest.mark.parametrize(
     ("category", "expected"),
-    [(observation.NO_DEPTH, 0.0), (observation.OBJECT, -0.6), (observation.SUPPORT, -0.6), (observation.OUTSIDE, 0.0)],
+    [
+        (observation.NO_DEPTH, 0.0),
+        (observation.OBJECT, -0.6),
+        (observation.SUPPORT, -0.6),
+        (observation.OUTSIDE, 0.0),
+        (observation.CONTINUED, -0.6),
+    ],
 )
 def test_distance_of_a_pixel_is_that_of_the_points_in_space(category: int, expected: float) -> None:
     observed, rendered, ray_length = np.float32(1.5), np.float32(1.0), np.float32(1.2)
@@ -57,12 +67,12 @@ def test_distance_of_a_pixel_is_that_of_the_points_in_space(category: int, expec
     assert pixel_scores.distance_pixel(word, rendered, ray_length) == pytest.approx(expected, abs=1e-5)
 
 
-def test_packing_keeps_the_depth_to_a_relative_4e_7_and_adds_a_border_without_depth(rng: np.random.Generator) -> None:
+def test_packing_keeps_the_depth_to_a_relative_8e_7_and_adds_a_border_without_depth(rng: np.random.Generator) -> None:
     depth = rng.uniform(0.1, 20.0, (7, 5)).astype(np.float32)
-    category = rng.integers(1, 4, depth.shape).astype(np.uint8)
+    category = rng.integers(1, 5, depth.shape).astype(np.uint8)
     packed = pixel_scores.pack_view(depth, category)
     assert packed.shape == (9, 7)
     assert not packed[[0, -1]].any() and not packed[:, [0, -1]].any()
     inner = np.ascontiguousarray(packed[1:-1, 1:-1])
-    np.testing.assert_array_equal(inner & 3, category)
-    np.testing.assert_allclose(inner.view(np.float32), depth, rtol=4e-7)
+    np.testing.assert_array_equal(inner & 7, category)
+    np.testing.assert_allclose(inner.view(np.float32), depth, rtol=9e-7)

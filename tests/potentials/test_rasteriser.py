@@ -116,6 +116,7 @@ def test_object_shares_are_those_of_the_reference(
             [faces for _, faces in meshes],
             score.terms.astype(np.float64),
             score.form == "robust",
+            seen.patches,
         )
         np.testing.assert_allclose(shares[i], slow, rtol=2e-3, atol=2.5)
     np.testing.assert_allclose(totals, shares.sum(axis=1), rtol=1e-12)

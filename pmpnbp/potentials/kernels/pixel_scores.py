@@ -1,7 +1,7 @@
 """What one covered pixel is worth, and the image form in which the kernels look it up.
 
 A pixel's depth and category are read together for every covered pixel of every hypothesis, so they are packed in one
-32-bit word: the depth's float32 bits with the category in the two lowest. That costs depth a relative 4e-7, half a
+32-bit word: the depth's float32 bits with the category in the three lowest. That costs depth a relative 8e-7, a
 micrometre at a metre. The packed image has a border of one pixel without depth, so that what falls outside the image
 can be looked up like any other pixel and scores nothing.
 """
@@ -15,13 +15,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 # The categories of `scene/observation.py`; a test holds the two lists together.
-NO_DEPTH, OBJECT, SUPPORT, OUTSIDE = 0, 1, 2, 3
+NO_DEPTH, OBJECT, SUPPORT, OUTSIDE, CONTINUED = 0, 1, 2, 3, 4
 
 # Pixels in a vector register: rows of buffers are read and written in multiples of it.
 LANES = 8
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
-_CATEGORY_BITS = np.int32(3)
+CATEGORY_BITS = np.int32(7)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -36,7 +36,7 @@ def pack_view(depth: NDArray[np.float32], category: NDArray[np.uint8]) -> NDArra
         for column in range(width):
             kind = np.int32(category[row, column])
             if kind != NO_DEPTH:
-                packed[row + 1, column + 1] = (bits[row, column] & ~_CATEGORY_BITS) | kind
+                packed[row + 1, column + 1] = (bits[row, column] & ~CATEGORY_BITS) | kind
     return packed
 
 
@@ -44,13 +44,14 @@ def pack_view(depth: NDArray[np.float32], category: NDArray[np.uint8]) -> NDArra
 def robust_pixel(word: Any, rendered: Any, terms: Any) -> Any:
     """Score of a covered pixel whose packed observation is `word` and whose rendered depth is `rendered`, float32.
 
-    terms : tolerance, free space cost, occlusion cost, support reward, float32
+    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, float32
     """
-    tolerance, free_space_cost, occlusion_cost, support_reward = terms
-    category = word & _CATEGORY_BITS
+    tolerance, free_space_cost, occlusion_cost, support_reward, continued_reward = terms
+    category = word & CATEGORY_BITS
     difference = np.int32(word).view(np.float32) - rendered
     ratio = difference / tolerance
-    reward = _ONE if category == OBJECT else (support_reward if category == SUPPORT else _ZERO)
+    beside = support_reward if category == SUPPORT else (continued_reward if category == CONTINUED else _ZERO)
+    reward = _ONE if category == OBJECT else beside
     in_front = free_space_cost if category == SUPPORT else occlusion_cost
     cost = free_space_cost if difference > _ZERO else in_front
     score = reward * (_ONE - ratio * ratio) if abs(difference) < tolerance else -cost
@@ -60,6 +61,6 @@ def robust_pixel(word: Any, rendered: Any, terms: Any) -> Any:
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"nsz", "contract"})
 def distance_pixel(word: Any, rendered: Any, ray_length: Any) -> Any:
     """Minus the distance in metres between observed and rendered point of a covered pixel (eq. 10), float32."""
-    category = word & _CATEGORY_BITS
+    category = word & CATEGORY_BITS
     distance = abs(np.int32(word).view(np.float32) - rendered) * ray_length
-    return -distance if (category == OBJECT) | (category == SUPPORT) else _ZERO
+    return _ZERO if (category == NO_DEPTH) | (category == OUTSIDE) else -distance

@@ -8,6 +8,7 @@ import numpy as np
 from numba import get_num_threads, njit, prange
 from numpy.typing import NDArray
 
+from pmpnbp.potentials.kernels.continuation import weigh_patches
 from pmpnbp.potentials.kernels.pixel_scores import distance_pixel, robust_pixel
 from pmpnbp.potentials.kernels.rasteriser import draw_object, draw_part, scratch
 
@@ -56,10 +57,10 @@ def _sum_distance(buffer: Any, stride: int, box: Any, packed: Any, lens: Any) ->
 def _add_part_range(
     start: int, step: int, image: Any, mesh: Any, part: Any, poses: Any, terms: Any, robust: bool, out: Any
 ) -> None:
-    packed, lens, pose_camera_world = image
+    packed, lens, pose_camera_world, _ = image
     view = (lens, pose_camera_world, packed.shape[1] - 2, packed.shape[0] - 2)
     room = scratch(mesh, view[2], view[3])
-    terms32 = (terms[0], terms[1], terms[2], terms[3])
+    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4])
     for i in range(start, len(part), step):
         box, stride = draw_part(part[i], poses[i], view, mesh, room)
         if robust:
@@ -72,13 +73,20 @@ def _add_part_range(
 def _add_object_range(
     start: int, step: int, image: Any, mesh: Any, poses: Any, terms: Any, robust: bool, out: Any
 ) -> None:
-    packed, lens, pose_camera_world = image
+    packed, lens, pose_camera_world, patches = image
     view = (lens, pose_camera_world, packed.shape[1] - 2, packed.shape[0] - 2)
     room = scratch(mesh, view[2], view[3])
-    terms32 = (terms[0], terms[1], terms[2], terms[3])
+    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4])
+    # what lies on a long surface counts by whether that goes on beyond the outline, known here and not part by part
+    whole32 = (terms[0], terms[1], terms[2], terms[3], _ONE)
+    count = patches.max() + 1 if robust and terms[4] < _ONE else 1
+    explained, beyond = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
+    weights = np.ones(count, dtype=np.float32)
     for i in range(start, len(poses), step):
         box, stride = draw_object(poses[i], view, mesh, room)
         left, right, top, bottom = box
+        if count > 1:
+            weigh_patches(room[5], stride, box, packed, patches, terms32, explained, beyond, weights)
         for row in range(top, bottom + 1):
             y = (row - lens[3]) / lens[1]
             for column in range(left, right + 1):
@@ -87,7 +95,9 @@ def _add_object_range(
                 if w > _ZERO:
                     word = packed[row + 1, column + 1]
                     if robust:
-                        score = robust_pixel(word, _ONE / w, terms32)
+                        score = robust_pixel(word, _ONE / w, whole32)
+                        if count > 1 and score > _ZERO:
+                            score *= weights[patches[row, column]]
                     else:
                         x = (column - lens[2]) / lens[0]
                         score = distance_pixel(word, _ONE / w, np.float32(np.sqrt(x * x + y * y + 1.0)))
@@ -119,9 +129,9 @@ def add_part_scores(
 ) -> None:
     """Add to `out` (B,) the score of each part pose, drawn alone, in one view, in pixels (robust) or metre pixels.
 
-    image : (packed (h + 2, w + 2), see `pack_view`; lens fx fy cx cy; pose_camera_world (7,))
+    image : (packed (h + 2, w + 2), see `pack_view`; lens fx fy cx cy; pose_camera_world (7,); patches (h, w))
     mesh : see `rasteriser`; part : (B,); poses : (B, 7), part in world
-    terms : tolerance, free space cost, occlusion cost, support reward
+    terms : tolerance, free space cost, occlusion cost, support reward, continued reward
     """
     if len(part) < PARALLEL_FROM or get_num_threads() == 1:
         _add_part_range(0, 1, image, mesh, part, poses, terms, robust, out)
@@ -138,7 +148,8 @@ def add_object_scores(
     out: NDArray[np.float64],
 ) -> None:
     """As `add_part_scores` for whole objects at poses (B, N, 7), all parts drawn into one z-buffer: out (B, N) gets
-    each part's share, from the pixels in which it is in front."""
+    each part's share, from the pixels in which it is in front. What goes on beyond the outline counts less, see
+    `continuation`."""
     if len(poses) * len(mesh[3]) < PARALLEL_FROM or get_num_threads() == 1:
         _add_object_range(0, 1, image, mesh, poses, terms, robust, out)
     else:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pmpnbp.potentials.kernels.pixel_scores import NO_DEPTH, OBJECT, SUPPORT
+from pmpnbp.potentials.kernels.continuation import AHEAD, ENDS, GOES_ON
+from pmpnbp.potentials.kernels.pixel_scores import CONTINUED, NO_DEPTH, OBJECT, OUTSIDE, SUPPORT
 from pmpnbp.potentials.kernels.projection import NEAR
 
 Floats = NDArray[np.floating]
@@ -18,14 +19,16 @@ Floats = NDArray[np.floating]
 def robust_scores(observed: Floats, category: NDArray[np.uint8], rendered: Floats, terms: Floats) -> Floats:
     """Scores of covered pixels, any shape, from observed and rendered depth in metres and the observation's category.
 
-    terms : tolerance, free space cost, occlusion cost, support reward
-    Within the tolerance 1 - (difference / tolerance)², on a support plane times the support reward, outside the
-    region of interest 0. Observed behind the rendered surface: minus the free space cost. Observed in front: minus
-    the occlusion cost, but a part behind a support plane costs as much as one in free space.
+    terms : tolerance, free space cost, occlusion cost, support reward, continued reward
+    Within the tolerance 1 - (difference / tolerance)², on a support plane times the support reward, on a surface
+    longer than the object times the continued reward, outside the region of interest 0. Observed behind the rendered
+    surface: minus the free space cost. Observed in front: minus the occlusion cost, but a part behind a support plane
+    costs as much as one in free space.
     """
-    tolerance, free_space_cost, occlusion_cost, support_reward = terms
+    tolerance, free_space_cost, occlusion_cost, support_reward, continued_reward = terms
     difference = observed - rendered
-    reward = np.where(category == OBJECT, 1.0, np.where(category == SUPPORT, support_reward, 0.0))
+    rewards = {OBJECT: 1.0, SUPPORT: support_reward, CONTINUED: continued_reward}
+    reward = np.select([category == what for what in rewards], list(rewards.values()), 0.0)
     in_front = np.where(category == SUPPORT, -free_space_cost, -occlusion_cost)
     outlier = np.where(difference > 0, -free_space_cost, in_front)
     score = np.where(np.abs(difference) < tolerance, reward * (1.0 - (difference / tolerance) ** 2), outlier)
@@ -36,7 +39,7 @@ def distance_scores(observed: Floats, category: NDArray[np.uint8], rendered: Flo
     """Minus the distance d of eq. 10, metres, between observed and rendered point of each covered pixel, both on its
     ray, whose length at depth 1 is `ray_length`. 0 where nothing was observed in the region of interest."""
     distance = np.abs(observed - rendered) * ray_length
-    return np.where((category == OBJECT) | (category == SUPPORT), -distance, 0.0)
+    return np.where((category == NO_DEPTH) | (category == OUTSIDE), 0.0, -distance)
 
 
 def splat_score(
@@ -108,8 +111,10 @@ def object_shares(
     faces: list[NDArray[np.int32]],
     terms: Floats,
     robust: bool,
+    patches: NDArray[np.int16] | None = None,
 ) -> NDArray[np.float64]:
-    """Each part's share (N,) of an object's score: the sum over the pixels in which the part is in front."""
+    """Each part's share (N,) of an object's score: the sum over the pixels in which the part is in front. Rewards on
+    `patches` (h, w), where they are given, are weighed by `patch_weights`, and not once more as CONTINUED."""
     height, width = depth.shape
     fx, fy, cx, cy = lens
     column, row = np.meshgrid(np.arange(width), np.arange(height))
@@ -120,8 +125,39 @@ def object_shares(
     rendered = distance.min(axis=0)
     covered = np.isfinite(rendered)
     rendered = np.where(covered, rendered, 0.0)
-    if robust:
+    if robust and patches is not None:
+        scores = robust_scores(depth, category, rendered, np.append(terms[:4], 1.0))
+        weights = patch_weights(depth, rendered, patches, terms[0], terms[4])[patches]
+        scores = np.where(scores > 0, weights * scores, scores)
+    elif robust:
         scores = robust_scores(depth, category, rendered, terms)
     else:
         scores = distance_scores(depth, category, rendered, ray_length)
     return np.array([np.sum(scores[covered & (front == node)]) for node in range(len(faces))])
+
+
+def patch_weights(
+    depth: Floats, rendered: Floats, patches: NDArray[np.int16], tolerance: float, least: float
+) -> NDArray[np.float64]:
+    """The share (K + 1,) of its reward that each patch 0 to K is left with, of what is `rendered`, 0 where nothing is.
+
+    Along every row and column the pixels of a patch are counted that are rendered within the tolerance, and those up to
+    AHEAD pixels beyond each end of what is rendered. Of both together a share beyond of ENDS leaves the whole reward,
+    one of GOES_ON or more the share `least` of it.
+    """
+    explained, beyond = np.zeros(patches.max() + 1), np.zeros(patches.max() + 1)
+    close = (rendered > 0) & (np.abs(depth - rendered) < tolerance)
+    for covered, fits, numbers in ((rendered > 0, close, patches), ((rendered > 0).T, close.T, patches.T)):
+        for line, line_fits, line_numbers in zip(covered, fits, numbers, strict=True):
+            for way in (1, -1):
+                drawn, number = line[::way], line_numbers[::way]
+                for place in np.flatnonzero(drawn[:-1] & ~drawn[1:]).tolist():
+                    for k in range(place + 1, min(place + 1 + AHEAD, len(drawn))):
+                        if drawn[k]:
+                            break
+                        beyond[number[k]] += 1
+            np.add.at(explained, line_numbers[line_fits], 1)
+    share = beyond / np.maximum(explained + beyond, 1)
+    weights: NDArray[np.float64] = np.interp(share, [ENDS, GOES_ON], [1.0, least])
+    weights[0] = 1.0
+    return weights

@@ -72,14 +72,14 @@ def _sum_points(points: Any, used: int, m: Any, lens: Any, image: Any, size: Any
 def _add_range(
     start: int, stop: int, image: Any, splats: Any, part: Any, poses: Any, terms: Any, robust: bool, used: int, out: Any
 ) -> None:
-    packed, lens, pose_camera_world = image
+    packed, lens, pose_camera_world, _ = image
     points, areas, centres = splats
     size = (np.float32(packed.shape[1]), np.float32(packed.shape[0]))
     pixels = packed.ravel()
     grid = int(round(np.sqrt(areas.shape[1])))
     # half a pixel to round by floor, one for the packed image's border
     lens32 = (np.float32(lens[0]), np.float32(lens[1]), np.float32(lens[2] + 1.5), np.float32(lens[3] + 1.5))
-    terms32 = (terms[0], terms[1], terms[2], terms[3])
+    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4])
     for i in range(start, stop):
         node = part[i]
         m = pose_in_camera(pose_camera_world, poses[i])
@@ -120,10 +120,10 @@ def add_scores(
 ) -> None:
     """Add to `out` (B,) the score of each part pose in one view, in pixels (robust) or metre pixels (distance).
 
-    image : (packed (h + 2, w + 2), see `pack_view`; lens fx fy cx cy; pose_camera_world (7,))
+    image : (packed (h + 2, w + 2), see `pack_view`; lens fx fy cx cy; pose_camera_world (7,); patches (h, w))
     splats : (points (N, D, 3, P), metres in the part's frame; areas (N, D), m²; centres (N, 3))
     part : (B,); poses : (B, 7), part in world; used : how many of the P points are used, the first ones
-    terms : tolerance, free space cost, occlusion cost, support reward
+    terms : tolerance, free space cost, occlusion cost, support reward, continued reward
     """
     if len(part) < PARALLEL_FROM or get_num_threads() == 1:
         _add_range(0, len(part), image, splats, part, poses, terms, robust, used, out)

@@ -1,0 +1,159 @@
+"""How do the depth residuals of many whole objects change with small moves? Normal equations of articulated
+registration, from differences of renders."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import get_num_threads, njit, prange
+from numpy.typing import NDArray
+
+from pmpnbp.potentials.kernels.continuation import weigh_patches
+from pmpnbp.potentials.kernels.pixel_scores import CATEGORY_BITS, CONTINUED, OBJECT, SUPPORT
+from pmpnbp.potentials.kernels.rasteriser import draw_object, scratch
+
+_ZERO, _ONE = np.float32(0), np.float32(1)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _compared(room: Any, box: Any, stride: int, image: Any, terms: Any, counts: Any, pixels: Any) -> int:
+    """List the pixels of what is drawn that can be explained, and return how many: their places in the image and parts
+    (2, …), and depths, residuals and weights (3, …), into `pixels`."""
+    packed, _, _, patches = image
+    explained, beyond, weights = counts
+    places, lengths = pixels
+    if len(weights) > 1:
+        weigh_patches(room[5], stride, box, packed, patches, terms, explained, beyond, weights)
+    left, right, top, bottom = box
+    count = 0
+    for row in range(top, bottom + 1):
+        for column in range(left, right + 1):
+            w = room[5][(row - top) * stride + column - left]
+            if w > _ZERO:
+                word = packed[row + 1, column + 1]
+                category = word & CATEGORY_BITS
+                reward = terms[3] if category == SUPPORT else _ZERO
+                if category in (OBJECT, CONTINUED):
+                    reward = _ONE
+                if len(weights) > 1:
+                    reward *= weights[patches[row, column]]
+                if reward > _ZERO:
+                    places[0, count], places[1, count] = row * patches.shape[1] + column, 0
+                    places[1, count] = room[6][(row - top) * stride + column - left]
+                    depth = 1.0 / w
+                    lengths[0, count], lengths[2, count] = depth, reward
+                    lengths[1, count] = np.int32(word).view(np.float32) - depth
+                    count += 1
+    return count
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _slopes(
+    room: Any, box: Any, stride: int, width: int, pixels: Any, count: int, probe: float, steepest: float, out: Any
+) -> None:
+    """Change of each listed pixel's depth per unit of one parameter, from the render after a move by `probe`; 0 where
+    another part comes into view, or another surface of the same, `steepest` metres away."""
+    left, right, top, bottom = box
+    places, lengths = pixels
+    for k in range(count):
+        row, column = places[0, k] // width, places[0, k] % width
+        out[k] = 0.0
+        if top <= row <= bottom and left <= column <= right:
+            place = (row - top) * stride + column - left
+            w = room[5][place]
+            if w > _ZERO and room[6][place] == places[1, k]:
+                change = 1.0 / w - lengths[0, k]
+                if abs(change) < steepest:
+                    out[k] = change / probe
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _add_range(
+    start: int,
+    step: int,
+    image: Any,
+    mesh: Any,
+    poses: Any,
+    probes: Any,
+    terms: Any,
+    gates: Any,
+    steepest: float,
+    information: Any,
+    gradient: Any,
+) -> None:
+    _, lens, pose_camera_world, patches = image
+    height, width = patches.shape
+    view = (lens, pose_camera_world, width, height)
+    room = scratch(mesh, width, height)
+    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4])
+    numbers = patches.max() + 1 if terms[4] < _ONE else 1
+    weights = np.ones(numbers, dtype=np.float32)
+    counts = (np.empty(numbers, dtype=np.int32), np.empty(numbers, dtype=np.int32), weights)
+    pixels = (np.empty((2, height * width), dtype=np.int32), np.empty((3, height * width)))
+    size = probes.shape[1]
+    slopes = np.empty((size, height * width))
+    for h in range(start, len(poses), step):
+        box, stride = draw_object(poses[h, 0], view, mesh, room)
+        count = _compared(room, box, stride, image, terms32, counts, pixels)
+        for k in range(size):
+            box, stride = draw_object(poses[h, 1 + k], view, mesh, room)
+            _slopes(room, box, stride, width, pixels, count, probes[h, k], steepest, slopes[k])
+        residuals, rewards = pixels[1][1], pixels[1][2]
+        for gate in range(len(gates)):
+            used = np.empty(count)
+            for pixel in range(count):
+                used[pixel] = rewards[pixel] if abs(residuals[pixel]) < gates[gate] else 0.0
+            for i in range(size):
+                for pixel in range(count):
+                    gradient[h, gate, i] += used[pixel] * slopes[i, pixel] * residuals[pixel]
+                for j in range(i + 1):
+                    total = 0.0
+                    for pixel in range(count):
+                        total += used[pixel] * slopes[i, pixel] * slopes[j, pixel]
+                    information[h, gate, i, j] += total
+                    if j < i:
+                        information[h, gate, j, i] += total
+
+
+@njit(nogil=True, cache=True, error_model="numpy", parallel=True)
+def _add_parallel(
+    blocks: int,
+    image: Any,
+    mesh: Any,
+    poses: Any,
+    probes: Any,
+    terms: Any,
+    gates: Any,
+    steepest: float,
+    information: Any,
+    gradient: Any,
+) -> None:
+    for block in prange(blocks):
+        _add_range(block, blocks, image, mesh, poses, probes, terms, gates, steepest, information, gradient)
+
+
+def add_normal_equations(
+    image: Any,
+    mesh: Any,
+    poses: NDArray[np.float64],
+    probes: NDArray[np.float64],
+    terms: NDArray[np.float32],
+    gates: NDArray[np.float64],
+    steepest: float,
+    information: NDArray[np.float64],
+    gradient: NDArray[np.float64],
+) -> None:
+    """Add one view's part of the normal equations of H objects in P parameters, for each of G gates.
+
+    image, mesh, terms : as `rasterised_scores.add_object_scores` takes them
+    poses : (H, 1 + P, N, 7), the object where it is, then with each parameter moved by its probe; probes : (H, P)
+    gates : (G,) metres: pixels take part whose residual is smaller; steepest : metres that a depth changes by at most
+    information : (H, G, P, P) gets the sum over pixels of weight times slope by slope, gradient : (H, G, P) of weight
+        times slope times residual; a pixel's weight is the most that it can add to the object's score
+    """
+    if len(poses) == 1 or get_num_threads() == 1:
+        _add_range(0, 1, image, mesh, poses, probes, terms, gates, steepest, information, gradient)
+    else:
+        blocks = min(len(poses), 4 * get_num_threads())
+        _add_parallel(blocks, image, mesh, poses, probes, terms, gates, steepest, information, gradient)

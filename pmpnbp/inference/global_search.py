@@ -24,8 +24,9 @@ from pmpnbp.inference import log_weights as lw
 from pmpnbp.inference.belief import FLIP, OWN, START, SURFACE, Belief, IterationReport, Origin, State
 from pmpnbp.inference.hypotheses import Hypotheses, Proposals, distinct, walk
 from pmpnbp.inference.initialisation import matched_roots, prior_roots, random_joints
-from pmpnbp.inference.joint_sweep import sweep
+from pmpnbp.inference.joint_sweep import elsewhere, sweep
 from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.rivals import look_alikes, turned, turning_axes
 from pmpnbp.inference.tree_estimate import configuration_scores, polish
 from pmpnbp.potentials.unary import explained_share
 from pmpnbp.scene.prior import UniformPrior
@@ -40,11 +41,9 @@ SHORTEST_MOVE, LONGEST_MOVE = 0.1, 1.5
 TURNED, TURNED_ABOUT_ANY = 0.3, 0.5
 # Hypotheses that are compared to tell distinct ones, and distinct ones that are rendered whole, for each island kept:
 # the sum over parts counts a pixel once for every part that claims it, so it may rank the best one low.
-COMPARED, RENDERED = 20, 3
+COMPARED, RENDERED = 20, 4
 # Hypotheses nearer than this many diffusion lengths are one.
 DISTINCT = 1.5
-# Places near each quarter turn of a finalist that are tried; how far they are turned, in the diffusion's deviations.
-FLIP_PLACES, FLIP_ROTATION = 50, 0.5
 # Effective share of the islands' weights where the settings leave weights untempered.
 EFFECTIVE_SHARE = 0.15
 # The last comparison is made at this many times the tolerance that annealing ends at.
@@ -56,20 +55,21 @@ SWEEPS = 3
 @dataclass(frozen=True)
 class Settling:
     """How much is spent on the last word of the search: hypotheses that are polished for a round, those of them that
-    are given quarter turns, how many stay for `rounds` more, and the rivals among these that are polished on."""
+    others of the same look are made of, how many stay for `rounds` more, and the rivals among these that are polished
+    on."""
 
     finalists: int
-    turned: int
+    mistaken: int
     stay: int
     rounds: int
     rivals: int
     last_rounds: int
 
 
-# Without a prior quarter turns of the whole object compete, which differ by little until they are in place; a prior
-# leaves mostly one.
-SETTLE_UNINFORMED = Settling(finalists=20, turned=6, stay=20, rounds=3, rivals=6, last_rounds=12)
-SETTLE_INFORMED = Settling(finalists=6, turned=0, stay=4, rounds=2, rivals=2, last_rounds=4)
+# Without a prior places of the same look compete, which differ by little until they are exact; a prior leaves mostly
+# one.
+SETTLE_UNINFORMED = Settling(finalists=20, mistaken=6, stay=20, rounds=3, rivals=6, last_rounds=12)
+SETTLE_INFORMED = Settling(finalists=6, mistaken=0, stay=4, rounds=2, rivals=2, last_rounds=4)
 
 
 def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, IterationReport]:
@@ -106,7 +106,7 @@ def _searched(rng: np.random.Generator, state: State, problem: Problem) -> tuple
     proposals, kept = _proposals(rng, state, problem, plan, number)
     tried = walk(rng, problem, proposals, plan, kept)
     total = problem.plus_prior(tried.unary.sum(axis=1), tried.part_poses[:, problem.prior_node])
-    order = np.argsort(-total, kind="stable")[: COMPARED * settings.search_islands]
+    order = _ranked(tried, total, settings.search_islands)
     apart = DISTINCT * plan.diffusion_position
     leaders, member_of = distinct(problem, tried, order, RENDERED * settings.search_islands, apart)
     whole = configuration_scores(problem, tried.roots[leaders], tried.joints[leaders], plan.tolerance)
@@ -130,20 +130,33 @@ def _searched(rng: np.random.Generator, state: State, problem: Problem) -> tuple
     return new, report
 
 
+def _ranked(tried: Hypotheses, total: Array, islands: int) -> NDArray[np.int64]:
+    """Rows of those worth comparing, best first: the best of each island's offspring, so that none is lost because the
+    sum over parts ranks it low, then the best of all."""
+    order = np.argsort(-total, kind="stable")
+    lineage = tried.ancestor[order]
+    _, first = np.unique(lineage, return_index=True)
+    heirs = order[np.sort(first[lineage[first] >= 0])]
+    rest = order[: COMPARED * islands]
+    return np.concatenate([heirs, rest[~np.isin(rest, heirs)]])
+
+
 def _settled(
     rng: np.random.Generator, problem: Problem, finalists: Hypotheses, plan: Schedule
 ) -> tuple[Hypotheses, Array]:
-    """The last word of the search: finalists and their quarter turns, polished, and their whole-object scores.
+    """The last word of the search: finalists and what looks like them, polished, and their whole-object scores.
 
     Until here a good hypothesis a little out of place may have been worth less than a wrong one in its best place; so
     they are compared in their best places, at a tight tolerance.
     """
     effort = SETTLE_UNINFORMED if isinstance(problem.prior, UniformPrior) else SETTLE_INFORMED
     finalists = finalists.taken(np.arange(min(effort.finalists, len(finalists.roots))))
-    if effort.turned:
-        finalists = finalists.joined(_quarter_turns(rng, problem, finalists, plan, effort.turned))
+    if effort.mistaken:
+        first = finalists.taken(np.arange(min(effort.mistaken, len(finalists.roots))))
+        finalists = finalists.joined(look_alikes(rng, problem, first, plan, effort.finalists))
     finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, 1)
     finalists = finalists.taken(np.argsort(-score, kind="stable")[: effort.stay])
+    finalists = finalists.joined(_with_a_joint_elsewhere(rng, problem, finalists, plan, effort.stay))
     finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, effort.rounds)
     order = np.argsort(-score, kind="stable")
     chosen, _ = distinct(problem, finalists, order, effort.rivals, plan.diffusion_position)
@@ -155,38 +168,20 @@ def _settled(
     return replace(rivals, roots=roots, joints=joints, part_poses=problem.mrf.model.part_poses(roots, joints)), score
 
 
-def _quarter_turns(
-    rng: np.random.Generator, problem: Problem, finalists: Hypotheses, plan: Schedule, count: int
+def _with_a_joint_elsewhere(
+    rng: np.random.Generator, problem: Problem, finalists: Hypotheses, plan: Schedule, most: int
 ) -> Hypotheses:
-    """The first `count` of the finalists turned by quarters, about the root part's middle and about the object's."""
-    finalists = finalists.taken(np.arange(min(count, len(finalists.roots))))
-    middles = poses.transform_points(finalists.part_poses, problem.mrf.centres)
-    turned = np.concatenate(
-        [
-            _turned(finalists.roots, centre, axis, quarter)
-            for centre in (middles[:, 0], middles.mean(axis=1))
-            for axis in _turning_axes(problem, finalists.roots)
-            for quarter in (1, 2, 3)
-        ]
-    )
-    # a front is not where the back was: each turn is tried in many places near its own
-    noise = rng.standard_normal((len(turned) * FLIP_PLACES, 6))
-    near = poses.perturb(
-        np.repeat(turned, FLIP_PLACES, axis=0),
-        plan.diffusion_position * noise[:, :3],
-        FLIP_ROTATION * plan.diffusion_rotation * noise[:, 3:],
-        problem.mrf.centres[0],
-    )
-    parent = np.repeat(np.tile(np.arange(len(middles)), len(turned) // len(middles)), FLIP_PLACES)
-    flipped = Proposals(
-        roots=near,
-        joints=finalists.joints[parent],
-        source=np.full(len(near), FLIP, dtype=np.uint8),
-        ancestor=finalists.ancestor[parent],
-    )
-    flips = walk(rng, problem, flipped, plan)
-    best = flips.unary.sum(axis=1).reshape(-1, FLIP_PLACES).argmax(axis=1) + np.arange(len(turned)) * FLIP_PLACES
-    return flips.taken(best)
+    """At most `most` of the finalists with one joint in the best of its other places, those with the best whole-object
+    scores: a part that hides behind another was put where it explains that one's pixels once more."""
+    found = [
+        (score, row, joints)
+        for row in range(len(finalists.roots))
+        for joints, score in elsewhere(rng, problem, finalists.roots[row], finalists.joints[row], plan)
+    ]
+    found = sorted(found, key=lambda other: -other[0])[:most]
+    others = finalists.taken(np.array([row for _, row, _ in found], dtype=np.int64))
+    joints = np.array([joints for _, _, joints in found]).reshape(len(found), -1)
+    return replace(others, joints=joints, part_poses=problem.mrf.model.part_poses(others.roots, joints))
 
 
 def _tight(problem: Problem) -> float:
@@ -247,26 +242,12 @@ def _offspring(
         about = rng.integers(problem.mrf.nodes, size=len(flipped)) * (rng.random(len(flipped)) < TURNED_ABOUT_ANY)
         centre = poses.transform_points(state.belief.poses[about, chosen[flipped]], problem.mrf.centres[about])
         quarters = rng.integers(1, 4, size=(len(flipped), 1))
-        axes = np.stack(_turning_axes(problem, children[flipped]))
+        axes = np.stack(turning_axes(problem, children[flipped]))
         axis = axes[rng.integers(len(axes), size=len(flipped)), np.arange(len(flipped))]
-        children[flipped] = _turned(children[flipped], centre, axis, quarters)
+        children[flipped] = turned(children[flipped], centre, axis, quarters)
         source[flipped] = FLIP
     joints, ancestor = state.belief.joint_positions[chosen], chosen.astype(np.int32)
     return Proposals(roots=children, joints=joints, source=source, ancestor=ancestor)
-
-
-def _turned(roots: Array, centre: Array, axis: Array, quarters: NDArray[np.int64] | int) -> Array:
-    """Roots (P, 7) turned by `quarters` (P, 1) of 90° about axes (P, 3) through `centre` (P, 3)."""
-    turn = poses.from_rotation_vector(np.broadcast_to(quarters, (len(roots), 1)) * (np.pi / 2) * axis)
-    position = centre + poses.rotate(turn, roots[:, :3] - centre)
-    return np.concatenate([position, poses.quaternion_multiply(turn, roots[:, 3:])], axis=-1)
-
-
-def _turning_axes(problem: Problem, roots: Array) -> list[Array]:
-    """Axes (P, 3) that an object may be turned about: up, or where any orientation is possible each of the root's."""
-    if problem.any_orientation:
-        return [poses.rotate(roots[:, 3:], axis) for axis in np.eye(3)]
-    return [np.broadcast_to(problem.observation.up, (len(roots), 3))]
 
 
 def _belief(

@@ -33,8 +33,8 @@ def sweep(
     vector (D,) and score."""
     for _ in range(most):
         here = float(configuration_scores(problem, root[None], joints[None], plan.tolerance)[0])
-        elsewhere = sorted(_elsewhere(rng, problem, root, joints, plan), key=lambda moved: -moved[1])[:CANDIDATES]
-        worth = [q for q, score in elsewhere if score > here - LOSS_BEFORE * abs(here)]
+        others = sorted(elsewhere(rng, problem, root, joints, plan), key=lambda moved: -moved[1])[:CANDIDATES]
+        worth = [q for q, score in others if score > here - LOSS_BEFORE * abs(here)]
         if not worth:
             break
         roots = np.tile(root, (len(worth), 1))
@@ -49,7 +49,7 @@ def sweep(
     return root, joints, float(configuration_scores(problem, root[None], joints[None], tolerance)[0])
 
 
-def _elsewhere(
+def elsewhere(
     rng: np.random.Generator, problem: Problem, root: Array, joints: Array, plan: Schedule
 ) -> list[tuple[Array, float]]:
     """Joint vectors with one joint moved, and their scores: of each the best position that is well away from its

@@ -26,19 +26,26 @@ def smooth_patches(depth: NDArray[np.float32]) -> NDArray[np.int16]:
     """The patch (h, w) that each pixel of `depth` (h, w), metres, 0 where nothing was measured, lies on: 1, 2, ..., and
     0 where the surface steps, bends or was not measured, or the patch is small."""
     measured = depth > 0
-    inverse = np.where(measured, 1.0 / np.where(measured, depth, 1.0), np.nan).astype(np.float32)
+    # pixels average over their neighbours first: a third of the noise, and steps stay
+    sums = ndimage.uniform_filter(np.where(measured, 1.0 / np.where(measured, depth, 1.0), 0.0), 3)
+    inverse = np.where(measured, sums / np.maximum(ndimage.uniform_filter(measured.astype(float), 3), 1e-3), np.nan)
     limit = BEND + BEND_GROWTH * depth
-    smooth = measured.copy()
-    for values, result in ((inverse, smooth), (inverse.T, smooth.T)):
-        bend = np.full(values.shape, np.nan, dtype=np.float32)
-        bend[REACH:-REACH] = values[2 * REACH :] - 2.0 * values[REACH:-REACH] + values[: -2 * REACH]
-        square, most = (depth**2, limit) if values is inverse else (depth.T**2, limit.T)
-        result &= np.abs(bend) * square < most  # False where anything is not measured
+    # where anything is not measured the comparison is False
+    smooth = (np.abs(_second_difference(inverse)) * depth**2 < limit) & (
+        np.abs(_second_difference(inverse.T).T) * depth**2 < limit
+    )
     labels, count = ndimage.label(smooth)
     large = np.bincount(labels.ravel(), minlength=count + 1) >= FEWEST
     large[0] = False
     patches: NDArray[np.int16] = np.where(large, np.cumsum(large), 0).astype(np.int16)[labels]
     return patches
+
+
+def _second_difference(values: Array) -> Array:
+    """Along the first axis, REACH pixels to either side; not a number nearer to its ends."""
+    found = np.full(values.shape, np.nan)
+    found[REACH:-REACH] = values[2 * REACH :] - 2.0 * values[REACH:-REACH] + values[: -2 * REACH]
+    return found
 
 
 def patch_lengths(patches: NDArray[np.int16], points: NDArray[np.floating]) -> Array:

@@ -1,0 +1,135 @@
+"""What might a hypothesis be mistaken for? Other places of the whole object that look much the same in a depth image.
+
+A cabinet shows the same box from its front, its back and its sides; a laptop that stands like a tent shows the same two
+plates when base and lid change places. From one to the other no small move leads, so they are proposed outright: turned
+by quarters about the root part's middle or the object's, and with one part laid where another of about its size was.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.belief import FLIP
+from pmpnbp.inference.hypotheses import Hypotheses, Proposals, walk
+from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.tree_estimate import configuration_scores
+from pmpnbp.settings import Schedule
+
+# Places near each that are tried, as a front is not where the back was; how far they are turned, in the diffusion's
+# deviations.
+PLACES, ROTATION = 24, 0.5
+# Two parts are of about one size where each of their three extents, the longest first, is within this factor; or both
+# are thinner than this share of their largest.
+LIKE, THIN = 1.35, 0.15
+# Pairs of such parts, drawn at random where there are more.
+PAIRS = 6
+
+
+def look_alikes(
+    rng: np.random.Generator, problem: Problem, finalists: Hypotheses, plan: Schedule, most: int
+) -> Hypotheses:
+    """At most `most` hypotheses that look like one of the finalists, those with the best whole-object scores."""
+    places = np.concatenate([_quarter_turns(problem, finalists), *_exchanged(rng, problem, finalists)])
+    noise = rng.standard_normal((len(places) * PLACES, 6))
+    near = poses.perturb(
+        np.repeat(places, PLACES, axis=0),
+        plan.diffusion_position * noise[:, :3],
+        ROTATION * plan.diffusion_rotation * noise[:, 3:],
+        problem.mrf.centres[0],
+    )
+    parent = np.repeat(np.arange(len(places)) % len(finalists.roots), PLACES)
+    proposals = Proposals(
+        roots=near,
+        joints=finalists.joints[parent],
+        source=np.full(len(near), FLIP, dtype=np.uint8),
+        ancestor=finalists.ancestor[parent],
+    )
+    tried = walk(rng, problem, proposals, plan)
+    best = tried.unary.sum(axis=1).reshape(-1, PLACES).argmax(axis=1) + np.arange(len(places)) * PLACES
+    tried = tried.taken(best)
+    score = configuration_scores(problem, tried.roots, tried.joints, plan.tolerance)
+    return tried.taken(np.argsort(-score, kind="stable")[:most])
+
+
+def turned(roots: Array, centre: Array, axis: Array, quarters: NDArray[np.int64] | int) -> Array:
+    """Roots (P, 7) turned by `quarters` (P, 1) of 90° about axes (P, 3) through `centre` (P, 3)."""
+    turn = poses.from_rotation_vector(np.broadcast_to(quarters, (len(roots), 1)) * (np.pi / 2) * axis)
+    position = centre + poses.rotate(turn, roots[:, :3] - centre)
+    return np.concatenate([position, poses.quaternion_multiply(turn, roots[:, 3:])], axis=-1)
+
+
+def turning_axes(problem: Problem, roots: Array) -> list[Array]:
+    """Axes (P, 3) that an object may be turned about: up, or where any orientation is possible each of the root's."""
+    if problem.any_orientation:
+        return [poses.rotate(roots[:, 3:], axis) for axis in np.eye(3)]
+    return [np.broadcast_to(problem.observation.up, (len(roots), 3))]
+
+
+def _quarter_turns(problem: Problem, finalists: Hypotheses) -> Array:
+    """Roots (T P, 7): P finalists after each of T turns."""
+    middles = poses.transform_points(finalists.part_poses, problem.mrf.centres)
+    return np.concatenate(
+        [
+            turned(finalists.roots, centre, axis, quarters)
+            for centre in (middles[:, 0], middles.mean(axis=1))
+            for axis in turning_axes(problem, finalists.roots)
+            for quarters in (1, 2, 3)
+        ]
+    )
+
+
+def _exchanged(rng: np.random.Generator, problem: Problem, finalists: Hypotheses) -> list[Array]:
+    """Roots (P, 7) of the P finalists with one part where another was, in each of the four ways that a box fits one of
+    its size; where upright ones only are possible, none."""
+    if not problem.any_orientation:
+        return []
+    pairs = like_parts(problem)
+    found = []
+    for pick in rng.permutation(len(pairs))[:PAIRS]:
+        one, other = pairs[pick]
+        for fit in _fits(problem, one, other):
+            moved = poses.multiply(finalists.part_poses[:, other], fit)
+            found.append(
+                poses.multiply(poses.multiply(moved, poses.inverse(finalists.part_poses[:, one])), finalists.roots)
+            )
+    return found
+
+
+def like_parts(problem: Problem) -> list[tuple[int, int]]:
+    """Ordered pairs of parts of about one size."""
+    sizes = np.array([np.sort(_extents(problem, node))[::-1] for node in range(problem.mrf.nodes)])
+    pairs = []
+    for one in range(len(sizes)):
+        for other in range(len(sizes)):
+            a, b = sizes[one], sizes[other]
+            thin = (a < THIN * a[0]) & (b < THIN * b[0])
+            if one != other and a[0] > 0 and np.all((np.maximum(a, b) <= LIKE * np.minimum(a, b)) | thin):
+                pairs.append((one, other))
+    return pairs
+
+
+def _extents(problem: Problem, node: int) -> Array:
+    """(3,) metres, of the part's bounding box."""
+    vertices = problem.mrf.model.parts[node].mesh.vertices
+    extents: Array = np.ptp(vertices, axis=0) if len(vertices) else np.zeros(3)
+    return extents
+
+
+def _fits(problem: Problem, one: int, other: int) -> list[Array]:
+    """Poses (7,) of part `one` in the frame of `other` that lay its bounding box onto that one, longest side to longest
+    side, thinnest to thinnest."""
+    a, b = (np.argsort(-_extents(problem, node), kind="stable") for node in (one, other))
+    found = []
+    for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        turn = np.zeros((3, 3))
+        turn[b[0], a[0]], turn[b[1], a[1]] = signs
+        turn[b[2], a[2]] = 1.0
+        turn[b[2], a[2]] = np.sign(np.linalg.det(turn))
+        matrix = np.eye(4)
+        matrix[:3, :3] = turn
+        matrix[:3, 3] = problem.mrf.centres[other] - turn @ problem.mrf.centres[one]
+        found.append(poses.from_matrix(matrix))
+    return found

@@ -42,6 +42,8 @@ TURNED, TURNED_ABOUT_ANY = 0.3, 0.5
 # Hypotheses that are compared to tell distinct ones, and distinct ones that are rendered whole, for each island kept:
 # the sum over parts counts a pixel once for every part that claims it, so it may rank the best one low.
 COMPARED, RENDERED = 20, 4
+# Islands that the first iteration leaves, in those of the last.
+FIRST_ISLANDS = 3
 # Hypotheses nearer than this many diffusion lengths are one.
 DISTINCT = 1.5
 # Effective share of the islands' weights where the settings leave weights untempered.
@@ -100,17 +102,16 @@ def _explained(problem: Problem, report: IterationReport) -> float:
 def _searched(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, IterationReport]:
     """One iteration of a search. The first takes nothing from the state before."""
     began = time.perf_counter()
-    settings = problem.settings
     number = state.iteration + 1
     plan = problem.schedule(number)
     proposals, kept = _proposals(rng, state, problem, plan, number)
     tried = walk(rng, problem, proposals, plan, kept)
     total = problem.plus_prior(tried.unary.sum(axis=1), tried.part_poses[:, problem.prior_node])
-    order = _ranked(tried, total, settings.search_islands)
-    apart = DISTINCT * plan.diffusion_position
-    leaders, member_of = distinct(problem, tried, order, RENDERED * settings.search_islands, apart)
+    islands = _islands(problem, number)
+    order = _ranked(tried, total, islands)
+    leaders, member_of = distinct(problem, tried, order, RENDERED * islands, DISTINCT * plan.diffusion_position)
     whole = configuration_scores(problem, tried.roots[leaders], tried.joints[leaders], plan.tolerance)
-    ranked = np.argsort(-whole, kind="stable")[: settings.search_islands]
+    ranked = np.argsort(-whole, kind="stable")[:islands]
     if number == problem.search_iterations:
         tried, total = _settled(rng, problem, tried.taken(leaders[ranked]), plan)
         order = leaders = member_of = np.arange(len(total))
@@ -128,6 +129,13 @@ def _searched(rng: np.random.Generator, state: State, problem: Problem) -> tuple
         seconds=time.perf_counter() - began,
     )
     return new, report
+
+
+def _islands(problem: Problem, number: int) -> int:
+    """Islands that iteration `number` of the search leaves: FIRST_ISLANDS times the setting at first, as early scores
+    say little, fewer by and by, and those of the setting in the end."""
+    left = (problem.search_iterations - number) / max(problem.search_iterations - 1, 1)
+    return round(problem.settings.search_islands * (1 + (FIRST_ISLANDS - 1) * left))
 
 
 def _ranked(tried: Hypotheses, total: Array, islands: int) -> NDArray[np.int64]:

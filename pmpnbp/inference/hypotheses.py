@@ -18,6 +18,7 @@ from pmpnbp.inference.belief import OWN
 from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.mrf import LEAST_LEVER
 from pmpnbp.inference.problem import Problem
+from pmpnbp.potentials.kernels.grouping import group
 from pmpnbp.potentials.pairwise import stratified_axes
 from pmpnbp.scene.articulated_object import Edge
 from pmpnbp.settings import Schedule
@@ -142,16 +143,5 @@ def distinct(
     corners = np.stack([centres, *(centres + radii[:, None] * axis for axis in np.eye(3))], axis=1)
     marks = poses.transform_points(tried.part_poses[order][:, :, None], corners)
     evidence = np.maximum(tried.unary[order], 0.0) + 1e-6
-    member_of = np.full(len(order), -1)
-    leaders: list[int] = []
-    for row in range(len(order)):
-        if member_of[row] >= 0:
-            continue
-        if len(leaders) == most:
-            break
-        waiting = np.flatnonzero(member_of < 0)
-        squares = np.mean(np.sum((marks[waiting] - marks[row]) ** 2, axis=-1), axis=-1)
-        distance = np.sqrt(squares @ evidence[row] / evidence[row].sum())
-        member_of[waiting[distance < apart]] = len(leaders)
-        leaders.append(row)
-    return order[np.array(leaders, dtype=np.int64)], member_of
+    leaders, member_of = group(marks, evidence, most, apart)
+    return order[leaders], member_of

@@ -101,7 +101,7 @@ def _scans(snapshot: Snapshot, state: ViewState, stage: Stage, part_poses: Array
         explained = None
         if state.colour_scan == "explained":
             fit = scan_points.fits(
-                scan, category, snapshot.problem.surfaces, part_poses, snapshot.problem.settings.tolerance_end
+                scan, category, snapshot.problem.surfaces, part_poses, snapshot.problem.tolerance_end
             )
             explained = scan_points.explained_colours(scan, state.theme, fit)
         for name, cloud, size in zip(("object", "around"), clouds, SPACED, strict=True):

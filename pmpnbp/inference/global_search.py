@@ -188,13 +188,13 @@ def _with_a_joint_elsewhere(
     ]
     found = sorted(found, key=lambda other: -other[0])[:most]
     others = finalists.taken(np.array([row for _, row, _ in found], dtype=np.int64))
-    joints = np.array([joints for _, _, joints in found]).reshape(len(found), -1)
+    joints = np.array([joints for _, _, joints in found]).reshape(len(found), problem.mrf.model.dof)
     return replace(others, joints=joints, part_poses=problem.mrf.model.part_poses(others.roots, joints))
 
 
 def _tight(problem: Problem) -> float:
     """Metres: the tolerance of the search's last word."""
-    return FINAL_TOLERANCE * problem.settings.tolerance_end
+    return FINAL_TOLERANCE * problem.tolerance_end
 
 
 def _polished(
@@ -216,6 +216,8 @@ def _proposals(
     share = min(MOST_OFFSPRING, OFFSPRING + MORE_OFFSPRING * number / problem.search_iterations)
     offspring = 0 if parents is None else round(count * share)
     fresh = count - offspring
+    if parents is not None:  # of few proposals half at least are other than the islands themselves
+        parents = parents[: max(offspring // 2, 1)]
     joints = random_joints(rng, problem, fresh)
     new = Proposals(
         roots=prior_roots(rng, problem, joints) if informed else matched_roots(rng, problem, joints),

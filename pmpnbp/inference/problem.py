@@ -14,6 +14,7 @@ from pmpnbp.inference.mrf import Mrf
 from pmpnbp.potentials.surfaces import Surfaces, prepare_surfaces
 from pmpnbp.potentials.unary import PixelScore, Renderer, unary_scores
 from pmpnbp.scene.articulated_object import ArticulatedObject
+from pmpnbp.scene.depth_noise import depth_noise
 from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.observe import without_longer_surfaces
 from pmpnbp.scene.patches import length
@@ -22,6 +23,8 @@ from pmpnbp.settings import Schedule, SessionOptions, Settings, check_method, sc
 
 # A smooth surface this many times longer than the object is none of its own.
 LONGER = 1.15
+# The tolerance is as many standard deviations of the scan's depths at least: less leaves out what is there.
+DEVIATIONS = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +35,7 @@ class Problem:
     joint_prior : mean and standard deviation of the joint coordinates that the prior names
     joint_turns : (D,) whether a coordinate is an angle
     method : one of `settings.METHODS`
+    noise : standard deviation of the scan's depths at the object, metres, see `scene/depth_noise.py`
     """
 
     mrf: Mrf
@@ -46,6 +50,7 @@ class Problem:
     joint_prior: dict[int, tuple[float, float]]
     joint_turns: NDArray[np.bool_]
     method: str
+    noise: float
 
     @property
     def any_orientation(self) -> bool:
@@ -71,7 +76,13 @@ class Problem:
 
     def schedule(self, iteration: int) -> Schedule:
         """What the annealing has reached in an iteration."""
-        return schedule(self.settings, iteration, self.search_iterations)
+        plan = schedule(self.settings, iteration, self.search_iterations)
+        return replace(plan, tolerance=max(plan.tolerance, self.tolerance_end))
+
+    @property
+    def tolerance_end(self) -> float:
+        """Metres: the setting, but not below what the scan's own noise asks for."""
+        return max(self.settings.tolerance_end, DEVIATIONS * self.noise)
 
     def score(self, tolerance: float) -> PixelScore:
         """The pixel score of the settings at a tolerance in metres."""
@@ -155,6 +166,7 @@ def build(
         joint_prior=known,
         joint_turns=turns,
         method=method,
+        noise=max(map(depth_noise, observation.views), default=0.0),
     )
 
 

@@ -172,7 +172,7 @@ def estimate(
     part_poses = placed.part_poses
     fractions = visible_fractions(observation, problem.surfaces, part_poses, VISIBLE_TOLERANCE)
     likelihoods = problem.unary(
-        np.arange(len(part_poses), dtype=np.int32), part_poses, problem.settings.tolerance_end, "rasteriser"
+        np.arange(len(part_poses), dtype=np.int32), part_poses, problem.tolerance_end, "rasteriser"
     )
     weights = np.exp(belief.log_weights)
     modes = [
@@ -233,7 +233,7 @@ def agreeing(problem: Problem, report: IterationReport) -> tuple[Array, Array]:
         return report.map_poses[0], joints
     found = [assemble(problem.mrf, report.map_poses[None], anchor) for anchor in range(len(report.map_poses))]
     roots, vectors = np.concatenate([root for root, _ in found]), np.concatenate([q for _, q in found])
-    best = int(configuration_scores(problem, roots, vectors, problem.settings.tolerance_end).argmax())
+    best = int(configuration_scores(problem, roots, vectors, problem.tolerance_end).argmax())
     return roots[best], vectors[best]
 
 

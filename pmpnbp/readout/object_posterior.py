@@ -40,7 +40,7 @@ JITTER, LOOSE = 1e-5, 0.02
 def draw(rng: np.random.Generator, problem: Problem, root: Array, joints: Array) -> tuple[Array, Array]:
     """Root poses (K, 7) and joint vectors (K, D) of equal weight, given an estimate (7,), (D,) near the best one."""
     model = problem.mrf.model
-    tolerance = problem.settings.tolerance_end
+    tolerance = problem.tolerance_end
 
     def placed(offsets: Array) -> tuple[Array, Array]:
         roots = poses.perturb(root, offsets[:, :3], offsets[:, 3:6], problem.mrf.centres[0])

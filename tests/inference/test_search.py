@@ -10,7 +10,7 @@ import pytest
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference import hypotheses, initialisation, problem, run
+from pmpnbp.inference import global_search, hypotheses, initialisation, problem, run
 from pmpnbp.inference.belief import FLIP, OWN, SURFACE
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.unary import explained_share
@@ -144,7 +144,10 @@ def test_a_searched_belief_is_made_of_whole_objects(scene: Problem, searched: li
         np.testing.assert_allclose(np.swapaxes(belief.poses, 0, 1)[..., :3], again[..., :3], atol=1e-6)
         np.testing.assert_allclose(np.exp(belief.log_weights).sum(axis=1), 1.0, rtol=1e-9)
         assert np.all(belief.origin.island == belief.origin.island[0])
-        assert len(np.unique(belief.origin.island[0])) <= scene.settings.search_islands
+        islands = len(np.unique(belief.origin.island[0]))
+        assert islands <= min(global_search.FIRST_ISLANDS * scene.settings.search_islands, scene.particles)
+        if report.iteration >= scene.search_iterations - 1:
+            assert islands <= 2 * scene.settings.search_islands
         # the first particle leads the best island, and is the estimate
         assert belief.origin.island[0, 0] == 0
         np.testing.assert_array_equal(report.map_poses, belief.poses[:, 0])
@@ -167,13 +170,22 @@ def test_the_best_of_the_search_does_not_get_lost(searched: list[run.IterationRe
 
 
 def searched_with(scene: Problem, **changes: object) -> list[run.IterationReport]:
-    hurry = {"search_proposals": 10, "search_islands": 3, "search_iterations": 2, "search_iterations_per_joint": 0}
+    hurry = {"search_proposals": 10, "search_islands": 1, "search_iterations": 2, "search_iterations_per_joint": 0}
     hurried = replace(scene, settings=changed(scene.settings, hurry | changes))
     return list(run.iterate(hurried, hurried.search_iterations))
 
 
 def test_what_the_scan_does_not_confirm_is_searched_again(scene: Problem) -> None:
-    """Too few proposals to find anything at once: of several searches the best stays."""
+    """Too few proposals to find anything at once, mostly: of several searches the best stays."""
+    better = 0
+    for seed in range(4):
+        scores = [
+            searched_with(replace(scene, seed=seed), search_explained=1.0, search_restarts=restarts)[-1].map_score
+            for restarts in (0, 3)
+        ]
+        assert scores == sorted(scores)
+        better += scores[1] > scores[0]
+    assert better
     once, *more = (searched_with(scene, search_explained=1.0, search_restarts=restarts) for restarts in (0, 1, 3))
     assert once[-1].notes == ()
     for reports, restarts in zip(more, (1, 3), strict=True):
@@ -181,7 +193,7 @@ def test_what_the_scan_does_not_confirm_is_searched_again(scene: Problem) -> Non
         np.testing.assert_array_equal(reports[-2].belief.poses, once[-2].belief.poses)
         assert f"the search was made {restarts + 1} times" in reports[-1].notes[0]
     scores = [reports[-1].map_score for reports in (once, *more)]
-    assert scores == sorted(scores) and scores[-1] > scores[0]
+    assert scores == sorted(scores)
     again = searched_with(scene, search_explained=1.0, search_restarts=1)[-1]
     np.testing.assert_array_equal(again.belief.poses, more[0][-1].belief.poses)
 

@@ -21,11 +21,17 @@ OWN, BASELINE = "the processor's own", "the old common baseline"
 WITHOUT_NUMBERS = (
     "tests/benchmarks",
     "tests/browser",
-    "tests/recording/test_archive.py",
+    "tests/recording",
     "tests/reproduce/test_experiments.py",
     "tests/reproduce/test_runs.py",
+    "tests/scene/test_model_rubbish.py",
+    "tests/scene/test_scan_rubbish.py",
+    "tests/scene/test_urdf.py",
+    "tests/scene/test_urdf_check.py",
     "tests/test_architecture.py",
     "tests/test_deployment.py",
+    "tests/test_instruction_sets.py",
+    "tests/test_recording.py",
     "tests/test_wheel.py",
     *(
         f"tests/app/test_{name}.py"

@@ -42,6 +42,9 @@ SAME, ARRIVED = 1e-3, 2e-2
 ATTEMPTS, RETRY_SECONDS = 25, 0.4
 # Seconds between two reports of a hand's move.
 REPORT_SECONDS = 0.33
+# Where viser's page begins: so many metres, its (3, 3, 3), from the origin, which it looks at, turned with what is up
+# in the scene.
+PAGE_DISTANCE = math.sqrt(27.0)
 # Strays kept of a browser.
 STRAYS = 12
 
@@ -102,7 +105,7 @@ class Browser:
             self.strays = [*self.strays, eye][-STRAYS:]
 
     def _is_stray(self, eye: Eye) -> bool:
-        return any(_near(eye, stray, SAME) for stray in self.strays)
+        return any(_near(eye, stray, SAME) for stray in self.strays) or _is_of_the_page(eye)
 
 
 class Camera:
@@ -216,6 +219,11 @@ class Camera:
     def _disconnected(self, client: viser.ClientHandle) -> None:
         with self._lock:
             self._browsers.pop(client.client_id, None)
+
+
+def _is_of_the_page(eye: Eye) -> bool:
+    """Whether it is where viser's page looks from of itself, which it may go to before it was ever reported there."""
+    return math.isclose(math.hypot(*eye.position), PAGE_DISTANCE, abs_tol=SAME) and math.hypot(*eye.look_at) < SAME
 
 
 def _near(one: Eye, other: Eye, within: float) -> bool:

@@ -18,6 +18,7 @@ def eye(x: float) -> Eye:
 
 # Where viser's page looks from before it has heard of anything; where the view begins; where it is told to look from.
 OWN, HOME, TOLD = eye(-5.0), eye(2.0), eye(3.0)
+PAGE = Eye(position=(3.0, 3.0, 3.0), look_at=(0.0, 0.0, 0.0), up=(0.0, 0.0, 1.0))
 
 
 class Watched:
@@ -117,6 +118,8 @@ PLACING, PLACED, MOVED, ABANDONED = Placement
         (PLACING, OWN, PLACING, False),
         (PLACING, TOLD, PLACED, False),
         (PLACED, TOLD, MOVED, True),
+        (PLACED, PAGE, PLACING, False),  # where the page begins, which it had not reported
+        (MOVED, PAGE, MOVED, True),
         (PLACED, HOME, PLACING, False),  # where it has been without a hand
         (PLACED, eye(HOME.position[0] + 2 * SAME), MOVED, True),
         (MOVED, HOME, MOVED, True),

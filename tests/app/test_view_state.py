@@ -95,9 +95,11 @@ def test_every_member_says_what_it_is_and_every_layer_has_a_switch() -> None:
 
 
 def test_the_legend_of_the_scans_colours_is_that_of_the_particles_picture() -> None:
-    """The page makes its legend of this; a measured point is of any kind but without depth."""
+    """The page makes its legend of this; a measured point is of any kind but without depth,
+    and a surface is known to go on in the working image only."""
     legend = ViewState.model_json_schema()["properties"]["colour_scan"]["legend"]
-    shown = [[KIND_NAMES[kind], colour] for kind, colour in KIND_COLOURS.items() if kind != PixelKind.NO_DEPTH]
+    never = PixelKind.NO_DEPTH, PixelKind.GOES_ON
+    shown = [[KIND_NAMES[kind], colour] for kind, colour in KIND_COLOURS.items() if kind not in never]
     assert legend == [*shown, ["not covered", ""]]
 
 

@@ -30,8 +30,9 @@ def test_a_plate_before_a_wall_is_one_patch_and_the_wall_another() -> None:
     assert sorted(np.unique(patches)) == [0, 1, 2]
     plate, wall = patches[30, 42], patches[30, 10]
     assert plate != wall and plate > 0 and wall > 0
-    assert np.all(patches[20 + REACH : 40 - REACH, 30 + REACH : 54 - REACH] == plate)
-    assert np.all(patches[REACH : 20 - REACH, REACH:-REACH] == wall)
+    near = REACH + 1  # pixels that the second differences reach, and the average before them
+    assert np.all(patches[20 + near : 40 - near, 30 + near : 54 - near] == plate)
+    assert np.all(patches[near : 20 - near, near:-near] == wall)
     # the edge between them lies on neither
     assert not patches[20 - REACH : 20 + REACH, 30:54].any() and not patches[20:40, 30 - REACH : 30 + REACH].any()
 

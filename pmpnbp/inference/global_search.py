@@ -70,7 +70,7 @@ class Settling:
 
 # Without a prior places of the same look compete, which differ by little until they are exact; a prior leaves mostly
 # one.
-SETTLE_UNINFORMED = Settling(finalists=20, mistaken=6, stay=20, rounds=3, rivals=6, last_rounds=12)
+SETTLE_UNINFORMED = Settling(finalists=20, mistaken=6, stay=16, rounds=2, rivals=6, last_rounds=8)
 SETTLE_INFORMED = Settling(finalists=6, mistaken=0, stay=4, rounds=2, rivals=2, last_rounds=4)
 
 
@@ -165,6 +165,8 @@ def _settled(
     finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, 1)
     finalists = finalists.taken(np.argsort(-score, kind="stable")[: effort.stay])
     finalists = finalists.joined(_with_a_joint_elsewhere(rng, problem, finalists, plan, effort.stay))
+    finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, 1)
+    finalists = finalists.taken(np.argsort(-score, kind="stable")[: effort.stay])
     finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, effort.rounds)
     order = np.argsort(-score, kind="stable")
     chosen, _ = distinct(problem, finalists, order, effort.rivals, plan.diffusion_position)

@@ -20,38 +20,25 @@ ENDS, GOES_ON = 0.1, 0.2
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def _count_line(
-    buffer: Any, first: int, step: int, length: int, word: int, patch: int, across: Any, room: Any, view: Any
+@njit(nogil=True, cache=True, error_model="numpy", inline="always")
+def _count_beyond(
+    buffer: Any, stride: int, box: Any, patches: Any, row: int, column: int, down: int, across: int, beyond: Any
 ) -> None:
-    """One row or column of the buffer, from index `first` in steps of `step` over `length` pixels; `word` and `patch`
-    are the indices of its first pixel in the image and in the patches, which go on in steps of `across[0]` and
-    `across[1]`; there are room[0] pixels of the image before it, room[1] behind it."""
-    image, patches, tolerance, explained, beyond = view
-    before: Any = False
-    for k in range(length + 1):
-        w = buffer[first + k * step] if k < length else _ZERO
-        covered = w > _ZERO
-        if covered:
-            number = patches[patch + k * across[1]]
-            if number > 0:
-                difference = np.int32(image[word + k * across[0]]).view(np.float32) - _ONE / w
-                if abs(difference) < tolerance:
-                    explained[number] += 1
-        if covered != before:
-            # backwards from where it begins, onwards from where it ends, up to where it is covered again
-            way = -1 if covered else 1
-            place = k - 1 if covered else k
-            for _ in range(AHEAD):
-                if place < -room[0] or place >= length + room[1]:
-                    break
-                if 0 <= place < length and buffer[first + place * step] > _ZERO:
-                    break
-                number = patches[patch + place * across[1]]
-                if number > 0:
-                    beyond[number] += 1
-                place += way
-        before = covered
+    """Count the patches' pixels from one at the outline's far side on, one step down and across at a time, up to where
+    the image ends or something is drawn again."""
+    left, right, top, bottom = box
+    height, width = patches.shape
+    for _ in range(AHEAD):
+        if row < 0 or row >= height or column < 0 or column >= width:
+            break
+        inside = left <= column <= right and top <= row <= bottom
+        if inside and buffer[(row - top) * stride + column - left] > _ZERO:
+            break
+        number = patches[row, column]
+        if number > 0:
+            beyond[number] += 1
+        row += down
+        column += across
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -64,37 +51,36 @@ def weigh_patches(
     patches : (h, w); terms : as `robust_pixel` has them; explained, beyond : (K + 1,) int32, to count in
     """
     left, right, top, bottom = box
-    height, width = patches.shape
+    tolerance, least = terms[0], terms[4]
     explained[:], beyond[:] = 0, 0
-    view = (packed.ravel(), patches.ravel(), terms[0], explained, beyond)
-    across, down = right - left + 1, bottom - top + 1
-    for row in range(down):
-        _count_line(
-            buffer,
-            row * stride,
-            1,
-            across,
-            (top + row + 1) * (width + 2) + left + 1,
-            (top + row) * width + left,
-            (1, 1),
-            (left, width - 1 - right),
-            view,
-        )
-    for column in range(across):
-        _count_line(
-            buffer,
-            column,
-            stride,
-            down,
-            (top + 1) * (width + 2) + left + column + 1,
-            top * width + left + column,
-            (width + 2, width),
-            (top, height - 1 - bottom),
-            view,
-        )
-    least = terms[4]
+    for row in range(top, bottom + 2):
+        before: Any = False
+        here, above = (row - top) * stride - left, (row - top - 1) * stride - left
+        for column in range(left, right + 2):
+            inside = row <= bottom and column <= right
+            w = buffer[here + column] if inside else _ZERO
+            covered = w > _ZERO
+            if covered:
+                number = patches[row, column]
+                if number > 0:
+                    difference = np.int32(packed[row + 1, column + 1]).view(np.float32) - _ONE / w
+                    explained[number] += abs(difference) < tolerance
+            if covered != before:
+                # back from where it begins, on from where it ends
+                if covered:
+                    _count_beyond(buffer, stride, box, patches, row, column - 1, 0, -1, beyond)
+                else:
+                    _count_beyond(buffer, stride, box, patches, row, column, 0, 1, beyond)
+            before = covered
+            covered_above = row > top and column <= right and buffer[above + column] > _ZERO
+            if covered != covered_above:
+                if covered:
+                    _count_beyond(buffer, stride, box, patches, row - 1, column, -1, 0, beyond)
+                else:
+                    _count_beyond(buffer, stride, box, patches, row, column, 1, 0, beyond)
     weights[0] = _ONE
     for number in range(1, len(weights)):
-        share = beyond[number] / max(explained[number] + beyond[number], 1)
+        counted = 2 * explained[number] + beyond[number]  # along its row and its column, as what lies beyond
+        share = beyond[number] / max(counted, 1)
         going_on = min(max((share - ENDS) / (GOES_ON - ENDS), 0.0), 1.0)
         weights[number] = np.float32(1.0 - going_on * (1.0 - least))

@@ -56,9 +56,13 @@ SWEEPS = 3
 
 @dataclass(frozen=True)
 class Settling:
-    """How much is spent on the last word of the search: hypotheses that are polished for a round, those of them that
-    others of the same look are made of, how many stay for `rounds` more, and the rivals among these that are polished
-    on."""
+    """How much is spent on the last word of the search.
+
+    finalists : hypotheses that are polished for a round; mistaken : those of them that others of the same look are made
+    of, as many at most as there are finalists; stay : how many are left after it, and of these and as many with a joint
+    elsewhere after another round; rounds : that those are polished for then; rivals, last_rounds : the distinct ones
+    among them that are polished at the last tolerance, and for how long
+    """
 
     finalists: int
     mistaken: int

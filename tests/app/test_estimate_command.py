@@ -179,7 +179,7 @@ def test_no_iterations_give_the_start(capsys: Capture) -> None:
 def test_interrupted_it_still_writes_what_it_found(tmp_path: Path) -> None:
     out = tmp_path / "result.json"
     program = [sys.executable, "-m", "app.cli", "estimate", *SCAN, *QUICK, "--iterations", "100000"]
-    program += ["--config", "converged_motion=0", "--out", str(out), "--recording", str(tmp_path / "run.sqlite")]
+    program += ["--config", "converged_iterations=1000", "--out", str(out), "--recording", str(tmp_path / "run.sqlite")]
     with subprocess.Popen(program, cwd=ROOT, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
         said = b""

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 # Pixels beyond the outline that are looked at.
 AHEAD = 8
@@ -42,14 +43,21 @@ def _count_beyond(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def weigh_patches(
-    buffer: Any, stride: int, box: Any, packed: Any, patches: Any, terms: Any, explained: Any, beyond: Any, weights: Any
-) -> None:
-    """Fill `weights` (K + 1,), float32: the share of its reward that each patch 0 to K is left with.
+def patch_room(patches: NDArray[np.int16], least: Any) -> Any:
+    """Memory for `weigh_patches`, for one thread: (K + 1,) int32 twice to count in, and float32 weights, all 1; of one
+    entry only where patches keep their reward whatever lies beyond (`least` is 1), and none is to be looked up."""
+    count = patches.max() + 1 if least < _ONE else 1
+    return np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32), np.ones(count, dtype=np.float32)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def weigh_patches(buffer: Any, stride: int, box: Any, packed: Any, patches: Any, terms: Any, room: Any) -> None:
+    """Fill the weights of `room` (K + 1,): the share of its reward that each patch 0 to K is left with.
 
     buffer, stride, box : what is drawn, as from `rasteriser.draw_object`; packed : the image, as from `pack_view`
-    patches : (h, w); terms : as `robust_pixel` has them; explained, beyond : (K + 1,) int32, to count in
+    patches : (h, w); terms : as `robust_pixel` has them; room : what `patch_room` returned
     """
+    explained, beyond, weights = room
     left, right, top, bottom = box
     tolerance, least = terms[0], terms[4]
     explained[:], beyond[:] = 0, 0

@@ -9,41 +9,39 @@ import numpy as np
 from numba import get_num_threads, njit, prange
 from numpy.typing import NDArray
 
-from pmpnbp.potentials.kernels.continuation import weigh_patches
-from pmpnbp.potentials.kernels.pixel_scores import CATEGORY_BITS, CONTINUED, OBJECT, SUPPORT
+from pmpnbp.potentials.kernels.continuation import patch_room, weigh_patches
+from pmpnbp.potentials.kernels.pixel_scores import CATEGORY_BITS, pixel_reward
 from pmpnbp.potentials.kernels.rasteriser import draw_object, scratch
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _compared(room: Any, box: Any, stride: int, image: Any, terms: Any, counts: Any, pixels: Any) -> int:
+def _compared(room: Any, box: Any, stride: int, image: Any, terms: Any, patch_counts: Any, pixels: Any) -> int:
     """List the pixels of what is drawn that can be explained, and return how many: their places in the image and parts
     (2, …), and depths, residuals and weights (3, …), into `pixels`."""
     packed, _, _, patches = image
-    explained, beyond, weights = counts
+    weights = patch_counts[2]
     places, lengths = pixels
-    if len(weights) > 1:
-        weigh_patches(room[5], stride, box, packed, patches, terms, explained, beyond, weights)
+    weighed = len(weights) > 1
+    if weighed:
+        weigh_patches(room[5], stride, box, packed, patches, terms, patch_counts)
     left, right, top, bottom = box
     count = 0
     for row in range(top, bottom + 1):
         for column in range(left, right + 1):
-            w = room[5][(row - top) * stride + column - left]
+            place = (row - top) * stride + column - left
+            w = room[5][place]
             if w > _ZERO:
                 word = packed[row + 1, column + 1]
-                category = word & CATEGORY_BITS
-                reward = terms[3] if category == SUPPORT else _ZERO
-                if category in (OBJECT, CONTINUED):
-                    reward = _ONE
-                if len(weights) > 1:
+                reward = pixel_reward(word & CATEGORY_BITS, terms[3], _ONE)
+                if weighed:
                     reward *= weights[patches[row, column]]
                 if reward > _ZERO:
-                    places[0, count], places[1, count] = row * patches.shape[1] + column, 0
-                    places[1, count] = room[6][(row - top) * stride + column - left]
                     depth = 1.0 / w
-                    lengths[0, count], lengths[2, count] = depth, reward
-                    lengths[1, count] = np.int32(word).view(np.float32) - depth
+                    places[0, count], places[1, count] = row * patches.shape[1] + column, room[6][place]
+                    lengths[0, count], lengths[1, count] = depth, np.int32(word).view(np.float32) - depth
+                    lengths[2, count] = reward
                     count += 1
     return count
 
@@ -87,15 +85,13 @@ def _add_range(
     view = (lens, pose_camera_world, width, height)
     room = scratch(mesh, width, height)
     terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4])
-    numbers = patches.max() + 1 if terms[4] < _ONE else 1
-    weights = np.ones(numbers, dtype=np.float32)
-    counts = (np.empty(numbers, dtype=np.int32), np.empty(numbers, dtype=np.int32), weights)
+    patch_counts = patch_room(patches, terms[4])
     pixels = (np.empty((2, height * width), dtype=np.int32), np.empty((3, height * width)))
     size = probes.shape[1]
     slopes = np.empty((size, height * width))
     for h in range(start, len(poses), step):
         box, stride = draw_object(poses[h, 0], view, mesh, room)
-        count = _compared(room, box, stride, image, terms32, counts, pixels)
+        count = _compared(room, box, stride, image, terms32, patch_counts, pixels)
         for k in range(size):
             box, stride = draw_object(poses[h, 1 + k], view, mesh, room)
             _slopes(room, box, stride, width, pixels, count, probes[h, k], steepest, slopes[k])

@@ -40,6 +40,13 @@ def pack_view(depth: NDArray[np.float32], category: NDArray[np.uint8]) -> NDArra
     return packed
 
 
+@njit(nogil=True, cache=True, error_model="numpy")
+def pixel_reward(category: Any, support_reward: Any, continued_reward: Any) -> Any:
+    """The most that a covered pixel of a category can earn, float32."""
+    beside = support_reward if category == SUPPORT else (continued_reward if category == CONTINUED else _ZERO)
+    return _ONE if category == OBJECT else beside
+
+
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"nsz", "contract"})
 def robust_pixel(word: Any, rendered: Any, terms: Any) -> Any:
     """Score of a covered pixel whose packed observation is `word` and whose rendered depth is `rendered`, float32.
@@ -50,8 +57,7 @@ def robust_pixel(word: Any, rendered: Any, terms: Any) -> Any:
     category = word & CATEGORY_BITS
     difference = np.int32(word).view(np.float32) - rendered
     ratio = difference / tolerance
-    beside = support_reward if category == SUPPORT else (continued_reward if category == CONTINUED else _ZERO)
-    reward = _ONE if category == OBJECT else beside
+    reward = pixel_reward(category, support_reward, continued_reward)
     in_front = free_space_cost if category == SUPPORT else occlusion_cost
     cost = free_space_cost if difference > _ZERO else in_front
     score = reward * (_ONE - ratio * ratio) if abs(difference) < tolerance else -cost

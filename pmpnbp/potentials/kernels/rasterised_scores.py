@@ -8,7 +8,7 @@ import numpy as np
 from numba import get_num_threads, njit, prange
 from numpy.typing import NDArray
 
-from pmpnbp.potentials.kernels.continuation import weigh_patches
+from pmpnbp.potentials.kernels.continuation import patch_room, weigh_patches
 from pmpnbp.potentials.kernels.pixel_scores import distance_pixel, robust_pixel
 from pmpnbp.potentials.kernels.rasteriser import draw_object, draw_part, scratch
 
@@ -79,14 +79,14 @@ def _add_object_range(
     terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4])
     # what lies on a long surface counts by whether that goes on beyond the outline, known here and not part by part
     whole32 = (terms[0], terms[1], terms[2], terms[3], _ONE)
-    count = patches.max() + 1 if robust and terms[4] < _ONE else 1
-    explained, beyond = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
-    weights = np.ones(count, dtype=np.float32)
+    patch_counts = patch_room(patches, terms[4] if robust else _ONE)
+    weights = patch_counts[2]
+    weighed = len(weights) > 1
     for i in range(start, len(poses), step):
         box, stride = draw_object(poses[i], view, mesh, room)
         left, right, top, bottom = box
-        if count > 1:
-            weigh_patches(room[5], stride, box, packed, patches, terms32, explained, beyond, weights)
+        if weighed:
+            weigh_patches(room[5], stride, box, packed, patches, terms32, patch_counts)
         for row in range(top, bottom + 1):
             y = (row - lens[3]) / lens[1]
             for column in range(left, right + 1):
@@ -96,7 +96,7 @@ def _add_object_range(
                     word = packed[row + 1, column + 1]
                     if robust:
                         score = robust_pixel(word, _ONE / w, whole32)
-                        if count > 1 and score > _ZERO:
+                        if weighed and score > _ZERO:
                             score *= weights[patches[row, column]]
                     else:
                         x = (column - lens[2]) / lens[0]

@@ -187,15 +187,11 @@ def _with_a_joint_elsewhere(
 ) -> Hypotheses:
     """At most `most` of the finalists with one joint in the best of its other places, those with the best whole-object
     scores: a part that hides behind another was put where it explains that one's pixels once more."""
-    found = [
-        (score, row, joints)
-        for row in range(len(finalists.roots))
-        for joints, score in elsewhere(rng, problem, finalists.roots[row], finalists.joints[row], plan)
-    ]
-    found = sorted(found, key=lambda other: -other[0])[:most]
-    others = finalists.taken(np.array([row for _, row, _ in found], dtype=np.int64))
-    joints = np.array([joints for _, _, joints in found]).reshape(len(found), problem.mrf.model.dof)
-    return replace(others, joints=joints, part_poses=problem.mrf.model.part_poses(others.roots, joints))
+    joints, score = elsewhere(rng, problem, finalists.roots, finalists.joints, plan)
+    best = np.argsort(-score, axis=None, kind="stable")[: min(most, np.isfinite(score).sum())]
+    row, moved = np.unravel_index(best, score.shape)
+    others, chosen = finalists.taken(row), joints[row, moved]
+    return replace(others, joints=chosen, part_poses=problem.mrf.model.part_poses(others.roots, chosen))
 
 
 def _tight(problem: Problem) -> float:

@@ -82,29 +82,29 @@ def walk(
     unary[:, 0] = problem.unary(
         np.zeros(count, dtype=np.int32), proposals.roots, plan.tolerance, "splats", SEARCH_POINTS
     )
+    stays = np.zeros(count, dtype=bool)
+    stays[kept] = True
     for number in mrf.tree:
         edge = mrf.model.edges[number]
         settled = edge.axis_positions(joints)
-        fixed_already = all(c in _coordinates_of(mrf.model.edges[:number]) for c in edge.coordinates)
-        axes = settled[:, None] if fixed_already else _trials(rng, edge, settled, mrf.radii[edge.child], plan)
-        draws, depth = axes.shape[1:]
-        padded = np.zeros((1, count, draws, mrf.axes_per_edge))
-        padded[0, ..., :depth] = axes
-        to_child = np.array([2 * number + 1], dtype=np.int32)
-        tried = mrf.across(to_child, part_poses[None, :, edge.parent], padded)[0]
-        node = np.full(count * draws, edge.child, dtype=np.int32)
-        score = problem.unary(node, tried.reshape(-1, 7), plan.tolerance, "splats", SEARCH_POINTS).reshape(count, draws)
-        noise = rng.gumbel(size=score.shape) * (CHANCE * np.abs(score).max(axis=1, keepdims=True) + 1e-9)
-        noise[::2] = 0.0
-        score[offspring & (rng.random(count) < CAUTION), 1 + NEAR :] = -np.inf
-        pick = (score + noise).argmax(axis=1)
-        pick[kept] = 0
-        rows = np.arange(count)
-        part_poses[:, edge.child], unary[:, edge.child] = tried[rows, pick], score[rows, pick]
+        if all(c in _coordinates_of(mrf.model.edges[:number]) for c in edge.coordinates):
+            trials = [(np.arange(count), settled[:, None])]
+        else:
+            near = offspring & (rng.random(count) < CAUTION)
+            groups = np.flatnonzero(near), np.flatnonzero(~near)
+            trials = [
+                (rows, _trials(rng, edge, settled[rows], mrf.radii[edge.child], plan, all_over=bool(group)))
+                for group, rows in enumerate(groups)
+            ]
         moving = edge.multiplier != 0
-        joints[:, edge.coordinates[moving]] = ((axes[rows, pick] - edge.offset) / np.where(moving, edge.multiplier, 1))[
-            :, moving
-        ]
+        for rows, axes in trials:
+            tried, score = _judged(problem, number, part_poses[rows, edge.parent], axes, plan.tolerance)
+            pick = _picked(rng, score, rows % 2 == 1)
+            pick[stays[rows]] = 0
+            each = np.arange(len(rows))
+            part_poses[rows, edge.child], unary[rows, edge.child] = tried[each, pick], score[each, pick]
+            position = (axes[each, pick] - edge.offset) / np.where(moving, edge.multiplier, 1)
+            joints[rows[:, None], edge.coordinates[moving]] = position[:, moving]
     return Hypotheses(**vars(replace(proposals, joints=joints)), unary=unary, part_poses=part_poses)
 
 
@@ -112,23 +112,45 @@ def _coordinates_of(edges: tuple[Edge, ...]) -> set[int]:
     return {int(c) for edge in edges for c in edge.coordinates}
 
 
-def _trials(rng: np.random.Generator, edge: Edge, settled: Array, radius: float, plan: Schedule) -> Array:
-    """Axis positions to try (P, draws, K), the present ones first."""
+def _trials(
+    rng: np.random.Generator, edge: Edge, settled: Array, radius: float, plan: Schedule, *, all_over: bool
+) -> Array:
+    """Axis positions to try (P, draws, K): the present ones, some near these, and where asked for others all over the
+    range."""
     count, depth = settled.shape
     lever = np.where(edge.revolute, radius, 1.0)
-    fresh = int(
-        np.clip(np.ceil(((edge.upper - edge.lower) * lever).max() / (TOLERANCES_APART * plan.tolerance)), FEWEST, MOST)
-    )
     spread = plan.diffusion_position / np.maximum(lever, LEAST_LEVER)
     around = settled[:, None] + spread * rng.standard_normal((count, NEAR, depth))
-    return np.concatenate(
-        [
-            settled[:, None],
-            within_limits(around, edge.lower, edge.upper, edge.wraps),
-            stratified_axes(rng, edge, (count,), fresh),
-        ],
-        axis=1,
-    )
+    near = [settled[:, None], within_limits(around, edge.lower, edge.upper, edge.wraps)]
+    if not all_over:
+        return np.concatenate(near, axis=1)
+    apart = ((edge.upper - edge.lower) * lever).max() / (TOLERANCES_APART * plan.tolerance)
+    fresh = int(np.clip(np.ceil(apart), FEWEST, MOST))
+    return np.concatenate([*near, stratified_axes(rng, edge, (count,), fresh)], axis=1)
+
+
+def _judged(
+    problem: Problem, number: int, parents: Array, axes: Array, tolerance: float
+) -> tuple[Array, NDArray[np.float64]]:
+    """Poses (P, draws, 7) of the child of edge `number` at axis positions (P, draws, K) of parents (P, 7), and its
+    scores (P, draws) there."""
+    mrf, (count, draws, depth) = problem.mrf, axes.shape
+    padded = np.zeros((1, count, draws, mrf.axes_per_edge))
+    padded[0, ..., :depth] = axes
+    tried = mrf.across(np.array([2 * number + 1], dtype=np.int32), parents[None], padded)[0]
+    node = np.full(count * draws, mrf.model.edges[number].child, dtype=np.int32)
+    score = problem.unary(node, tried.reshape(-1, 7), tolerance, "splats", SEARCH_POINTS)
+    return tried, score.reshape(count, draws)
+
+
+def _picked(rng: np.random.Generator, score: Array, by_chance: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Of each row of `score` (P, draws) the best, in rows `by_chance` of scores with Gumbel noise."""
+    noisy = score.copy()
+    some = score[by_chance]
+    scale = CHANCE * np.abs(some).max(axis=1, keepdims=True, initial=0.0) + 1e-9
+    noisy[by_chance] += scale * rng.gumbel(size=some.shape)
+    picked: NDArray[np.int64] = noisy.argmax(axis=1)
+    return picked
 
 
 def distinct(

@@ -20,8 +20,8 @@ from pmpnbp.settings import Schedule
 POSITIONS = 12
 APART = 0.1
 # Joints whose best other position is polished, those of them that are polished on, and for how many rounds each.
-CANDIDATES, FINALISTS = 16, 3
-ROUNDS, LAST_ROUNDS = 3, 10
+CANDIDATES, FINALISTS = 12, 2
+ROUNDS, LAST_ROUNDS = 2, 6
 # A position is polished, and then polished on, where its score is worse than the present one by at most these shares.
 LOSS_BEFORE, LOSS_AFTER = 0.2, 0.05
 
@@ -33,12 +33,13 @@ def sweep(
     vector (D,) and score."""
     for _ in range(most):
         here = float(configuration_scores(problem, root[None], joints[None], plan.tolerance)[0])
-        others = sorted(elsewhere(rng, problem, root, joints, plan), key=lambda moved: -moved[1])[:CANDIDATES]
-        worth = [q for q, score in others if score > here - LOSS_BEFORE * abs(here)]
-        if not worth:
+        others, reached = (found[0] for found in elsewhere(rng, problem, root[None], joints[None], plan))
+        worth = np.argsort(-reached, kind="stable")[:CANDIDATES]
+        worth = worth[reached[worth] > here - LOSS_BEFORE * abs(here)]
+        if not len(worth):
             break
         roots = np.tile(root, (len(worth), 1))
-        roots, moved, score = polish(rng, problem, roots, np.stack(worth), plan, plan.tolerance, ROUNDS)
+        roots, moved, score = polish(rng, problem, roots, others[worth], plan, plan.tolerance, ROUNDS)
         kept = np.argsort(-score, kind="stable")[:FINALISTS]
         kept = kept[score[kept] > here - LOSS_AFTER * abs(here)]
         if not len(kept):
@@ -50,31 +51,36 @@ def sweep(
 
 
 def elsewhere(
-    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, plan: Schedule
-) -> list[tuple[Array, float]]:
-    """Joint vectors with one joint moved, and their scores: of each the best position that is well away from its
-    present one."""
-    model, mrf = problem.mrf.model, problem.mrf
-    part_poses = model.part_poses(root, joints)
-    found = []
+    rng: np.random.Generator, problem: Problem, roots: Array, joints: Array, plan: Schedule
+) -> tuple[Array, Array]:
+    """Joint vectors (H, J, D) of each of H configurations (H, 7), (H, D) with one of J joints moved, each to the best
+    of its positions that are well away from its present one; and their scores (H, J), -inf where it has none."""
+    model, mrf, many = problem.mrf.model, problem.mrf, len(roots)
+    part_poses = model.part_poses(roots, joints)
+    repeated, rows = np.repeat(roots[:, None], 2 * POSITIONS, axis=1), np.arange(many)
+    found, scores = [], []
     for number in mrf.tree:
         edge = model.edges[number]
         for coordinate in edge.coordinates:
             lower, span = model.lower[coordinate], model.upper[coordinate] - model.lower[coordinate]
             if not 0 < span < np.inf:
                 continue
-            positions = lower + span * (np.arange(POSITIONS) + rng.random(POSITIONS)) / POSITIONS
-            gap = np.abs(positions - joints[coordinate])
+            positions = lower + span * (np.arange(POSITIONS) + rng.random((many, POSITIONS))) / POSITIONS
+            gap = np.abs(positions - joints[:, coordinate, None])
             if model.wraps[coordinate]:
                 gap = np.minimum(gap, span - gap)
-            positions = positions[gap > APART * span]
-            carried = np.tile(joints, (len(positions), 1))
-            carried[:, coordinate] = positions
-            moved = np.tile(part_poses, (len(positions), 1, 1))
-            moved[:, edge.child] = model.part_poses(np.tile(root, (len(positions), 1)), carried)[:, edge.child]
-            _, kept = assemble(mrf, moved, 0)
-            tried = np.concatenate([carried, kept])
-            roots = np.tile(root, (len(tried), 1))
-            score = configuration_scores(problem, roots, tried, plan.tolerance)
-            found.append((tried[score.argmax()], float(score.max())))
-    return found
+            carried = np.repeat(joints[:, None], POSITIONS, axis=1)
+            carried[..., coordinate] = positions
+            moved = np.repeat(part_poses[:, None], POSITIONS, axis=1)
+            moved[:, :, edge.child] = model.part_poses(roots[:, None], carried)[:, :, edge.child]
+            _, kept = assemble(mrf, moved.reshape(-1, *part_poses.shape[1:]), 0)
+            tried = np.concatenate([carried, kept.reshape(carried.shape)], axis=1)
+            far = np.tile(gap > APART * span, 2)
+            score = np.full(far.shape, -np.inf)
+            score[far] = configuration_scores(problem, repeated[far], tried[far], plan.tolerance)
+            best = score.argmax(axis=1)
+            found.append(tried[rows, best])
+            scores.append(score[rows, best])
+    if not found:
+        return np.zeros((many, 0, model.dof)), np.zeros((many, 0))
+    return np.stack(found, axis=1), np.stack(scores, axis=1)

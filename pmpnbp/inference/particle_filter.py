@@ -75,7 +75,7 @@ def _weighed(
     on the log potential. The prior is not tempered."""
     settings, nodes = problem.settings, problem.mrf.nodes
     part_poses = problem.mrf.model.part_poses(roots, joints)
-    unary, _ = object_scores(problem.observation, problem.surfaces, part_poses, problem.score(plan.tolerance))
+    unary = object_scores(problem.observation, problem.surfaces, part_poses, problem.score(plan.tolerance))
     share = settings.effective_share
     inverse_temperature = float(lw.tempering(unary, share)) if share else settings.unary_scale
     total = problem.plus_prior(inverse_temperature * unary, part_poses[:, problem.prior_node])

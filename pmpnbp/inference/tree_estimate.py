@@ -21,7 +21,7 @@ from pmpnbp.potentials.unary import object_scores
 from pmpnbp.settings import Schedule
 
 # Small variations of the best configuration that are tried in one iteration, in two rounds.
-VARIATIONS = 24
+VARIATIONS = 12
 # Draws about the step of articulated registration, and about the present place, in each round.
 REGISTRATIONS = 8
 # Parts that are taken at their word in one iteration, drawn anew each time.
@@ -93,7 +93,7 @@ def polish(
 def configuration_scores(problem: Problem, roots: Array, joints: Array, tolerance: float) -> Array:
     """Whole-object log scores (C,) of root poses (C, 7) and joint vectors (C, D), the prior included."""
     part_poses = problem.mrf.model.part_poses(roots, joints)
-    score, _ = object_scores(problem.observation, problem.surfaces, part_poses, problem.score(tolerance))
+    score = object_scores(problem.observation, problem.surfaces, part_poses, problem.score(tolerance))
     return problem.plus_prior(score, part_poses[:, problem.prior_node])
 
 

@@ -8,6 +8,7 @@ inference chooses, so everything here is a log potential up to scale, in pixels 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -18,7 +19,7 @@ from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.potentials.kernels import normal_equations as equations
 from pmpnbp.potentials.kernels import rasterised_scores, rasteriser, splatting
-from pmpnbp.potentials.kernels.pixel_scores import pack_view
+from pmpnbp.potentials.kernels.pixel_scores import pack_patches, pack_view
 from pmpnbp.potentials.pixel_kinds import in_front
 from pmpnbp.potentials.surfaces import Surfaces
 from pmpnbp.scene.observation import Observation, View
@@ -93,17 +94,15 @@ def unary_scores(
     return out
 
 
-def object_scores(
-    observation: Observation, surfaces: Surfaces, poses_world_part: Array, score: PixelScore
-) -> tuple[Array, Array]:
-    """Scores of whole objects, all parts drawn into one z-buffer: (B,) the object's and (B, N) each part's share, from
-    the pixels in which it is in front. poses_world_part : (B, N, 7). Units as `unary_scores`."""
+def object_scores(observation: Observation, surfaces: Surfaces, poses_world_part: Array, score: PixelScore) -> Array:
+    """Scores (B,) of whole objects, all parts drawn into one z-buffer. poses_world_part : (B, N, 7). Units as
+    `unary_scores`."""
     pose = _checked(poses_world_part, (len(poses_world_part), len(surfaces.centres), 7))
-    shares = np.zeros(pose.shape[:2])
+    out = np.zeros(len(pose))
     for view in observation.views:
         robust = score.form == "robust"
-        rasterised_scores.add_object_scores(_image(view), surfaces.mesh, pose, score.terms, robust, shares)
-    return shares.sum(axis=1), shares
+        rasterised_scores.add_object_scores(_image(view), surfaces.mesh, pose, score.terms, robust, out)
+    return out
 
 
 def normal_equations(
@@ -190,7 +189,7 @@ def _checked(pose: Array, shape: tuple[int, ...]) -> Array:
     pose = np.ascontiguousarray(pose, dtype=np.float64)
     if pose.shape != shape:
         raise ValueError(f"poses have shape {pose.shape}; {shape} is expected")
-    if pose.size and not np.abs(pose).max() < 1e4:
+    if pose.size and not (pose.max() < 1e4 and pose.min() > -1e4):
         raise ValueError("a pose is not finite, or further than 10 km from the origin of the world")
     return pose
 
@@ -201,9 +200,10 @@ def _view(camera: Camera) -> tuple[Array, Array, int, int]:
     return lens, poses.inverse(np.asarray(camera.pose_world_camera, dtype=np.float64)), camera.width, camera.height
 
 
-def _image(view: View) -> tuple[NDArray[np.int32], Array, Array, NDArray[np.int16]]:
+@lru_cache(maxsize=16)
+def _image(view: View) -> tuple[NDArray[np.int32], Array, Array, NDArray[np.int16], int]:
     """A view as the scoring kernels take it."""
     depth = np.ascontiguousarray(view.depth, dtype=np.float32)
     packed = pack_view(depth, np.ascontiguousarray(view.category, dtype=np.uint8))
     lens, pose_camera_world, _, _ = _view(view.camera)
-    return packed, lens, pose_camera_world, view.patches
+    return packed, lens, pose_camera_world, pack_patches(view.patches), int(view.patches.max()) + 1

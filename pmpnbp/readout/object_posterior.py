@@ -83,7 +83,7 @@ def _log_posterior(problem: Problem, roots: Array, joints: Array, tolerance: flo
     part_poses = problem.mrf.model.part_poses(roots, joints)
     # also where the inference scores by eq. 10, whose sum of distances is no logarithm of a likelihood
     scoring = replace(problem.score(tolerance), form="robust")
-    score, _ = object_scores(problem.observation, problem.surfaces, part_poses, scoring)
+    score = object_scores(problem.observation, problem.surfaces, part_poses, scoring)
     return problem.plus_prior(CONFIDENCE * score, part_poses[:, problem.prior_node], always=True)
 
 

@@ -30,9 +30,10 @@ class Scan:
     stamp: float | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class View:
-    """A scan cropped to the region of interest and binned to working size.
+    """A scan cropped to the region of interest and binned to working size. Equal to itself only, so that what is made
+    of it can be kept by it.
 
     camera : of the small image; depth : (h, w) float32, metres, 0 where nothing was measured
     category : (h, w) uint8: NO_DEPTH, OBJECT (may be the object), SUPPORT (on a support plane), OUTSIDE (measured,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pmpnbp.inference import problem as problems
-from pmpnbp.inference.joint_sweep import sweep
+from pmpnbp.inference.joint_sweep import APART, elsewhere, sweep
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores, polish
 from pmpnbp.scene.prior import UniformPrior
@@ -57,3 +57,18 @@ def test_no_joint_may_move_when_none_is_asked_for(chain: tuple[Problem, np.ndarr
     np.testing.assert_array_equal(same, root)
     np.testing.assert_array_equal(joints, truth)
     assert score == configuration_scores(problem, root[None], truth[None], TOLERANCE)[0]
+
+
+def test_elsewhere_is_far_from_here_and_worth_what_it_says(chain: tuple[Problem, np.ndarray, np.ndarray]) -> None:
+    """For several configurations at once, each joint in turn."""
+    problem, root, truth = chain
+    model, plan = problem.mrf.model, search_end(problem)
+    here = np.stack([truth, -truth, 0.5 * truth])
+    roots = np.tile(root, (3, 1))
+    found, score = elsewhere(np.random.default_rng(0), problem, roots, here, plan)
+    assert found.shape == (3, 3, 3)
+    for joint in range(3):
+        gap = np.abs(found[:, joint, joint] - here[:, joint])
+        assert np.all(gap > APART * (model.upper[joint] - model.lower[joint]))
+        expected = configuration_scores(problem, roots, found[:, joint], plan.tolerance)
+        np.testing.assert_allclose(score[:, joint], expected)

@@ -94,8 +94,11 @@ def test_trials_cover_the_range_finely_enough_and_start_from_where_the_joint_is(
     edge = worlds.sliding_chain(2, half_range=0.2).edges[0]
     plan = schedule(worlds.settings(), 1)
     settled = rng.uniform(-0.2, 0.2, (30, 1))
-    axes = hypotheses._trials(rng, edge, settled, 0.1, plan)
+    axes = hypotheses._trials(rng, edge, settled, 0.1, plan, all_over=True)
+    near = hypotheses._trials(rng, edge, settled, 0.1, plan, all_over=False)
+    assert near.shape == (30, 1 + hypotheses.NEAR, 1)
     np.testing.assert_array_equal(axes[:, 0], settled)
+    np.testing.assert_array_equal(near[:, 0], settled)
     assert np.all((axes >= edge.lower) & (axes <= edge.upper))
     gaps = np.diff(np.sort(axes[..., 0], axis=1), axis=1, prepend=-0.2, append=0.2)
     assert gaps.max() <= 2 * 1.5 * plan.tolerance  # no place is further than that from one that was tried

@@ -28,7 +28,7 @@ part, score = np.arange(4000) % 4, PixelScore()
 def work():
     splats = unary_scores(scene, surfaces, part, pose, score)
     drawn = unary_scores(scene, surfaces, part[:200], pose[:200], score, renderer="rasteriser")
-    return np.concatenate([splats, drawn, object_scores(scene, surfaces, pose[:200].reshape(50, 4, 7), score)[0]])
+    return np.concatenate([splats, drawn, object_scores(scene, surfaces, pose[:200].reshape(50, 4, 7), score)])
 
 expected = work()
 together, failures = threading.Barrier(3), []

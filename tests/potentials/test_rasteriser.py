@@ -98,17 +98,17 @@ def test_part_scores_are_those_of_the_reference(
 
 @pytest.mark.parametrize("score", FORMS, ids=lambda score: score.form)
 @pytest.mark.parametrize("count", [2, 40])
-def test_object_shares_are_those_of_the_reference(
+def test_object_scores_are_those_of_the_reference(
     rng: np.random.Generator, surfaces: Surfaces, score: PixelScore, count: int
 ) -> None:
     ahead = np.array([0.0, 0.0, 0.8])
     pose = posed_parts.random_poses(rng, (count, 5), ahead, 0.12)
     seen = posed_parts.rough_view(rng, EYE, surfaces, pose[0])
-    totals, shares = object_scores(posed_parts.observation([seen]), surfaces, pose, score)
+    totals = object_scores(posed_parts.observation([seen]), surfaces, pose, score)
     for i in range(2):
         meshes = [part_mesh(surfaces, node) for node in range(5)]
         clouds = [posed_parts.in_camera(EYE, pose[i, node], meshes[node][0]) for node in range(5)]
-        slow = reference.object_shares(
+        slow = reference.object_score(
             seen.depth,
             seen.category,
             lens(EYE),
@@ -118,9 +118,8 @@ def test_object_shares_are_those_of_the_reference(
             score.form == "robust",
             seen.patches,
         )
-        np.testing.assert_allclose(shares[i], slow, rtol=2e-3, atol=2.5)
-    np.testing.assert_allclose(totals, shares.sum(axis=1), rtol=1e-12)
-    assert np.all(shares[:, 4] == 0.0)
+        # a pixel on an edge, or at the tolerance, may go either way
+        np.testing.assert_allclose(totals[i], slow, rtol=2e-3, atol=5.0)
 
 
 def test_a_mesh_of_slivers_has_no_cracks(rng: np.random.Generator) -> None:

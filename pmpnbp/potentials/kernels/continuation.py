@@ -28,14 +28,14 @@ def _count_beyond(
     """Count the patches' pixels from one at the outline's far side on, one step down and across at a time, up to where
     the image ends or something is drawn again."""
     left, right, top, bottom = box
-    height, width = patches.shape
+    height, width = patches.shape[0] - 2, patches.shape[1] - 2
     for _ in range(AHEAD):
         if row < 0 or row >= height or column < 0 or column >= width:
             break
         inside = left <= column <= right and top <= row <= bottom
         if inside and buffer[(row - top) * stride + column - left] > _ZERO:
             break
-        number = patches[row, column]
+        number = patches[row + 1, column + 1]
         if number > 0:
             beyond[number] += 1
         row += down
@@ -43,19 +43,18 @@ def _count_beyond(
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def patch_room(patches: NDArray[np.int16], least: Any) -> Any:
-    """Memory for `weigh_patches`, for one thread: (K + 1,) int32 twice to count in, and float32 weights, all 1; of one
-    entry only where patches keep their reward whatever lies beyond (`least` is 1), and none is to be looked up."""
-    count = patches.max() + 1 if least < _ONE else 1
+def patch_room(count: int) -> Any:
+    """Memory for `weigh_patches`, for one thread and patches 0 to count - 1: int32 twice to count in, and float32
+    weights, all 1."""
     return np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32), np.ones(count, dtype=np.float32)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def weigh_patches(buffer: Any, stride: int, box: Any, packed: Any, patches: Any, terms: Any, room: Any) -> None:
-    """Fill the weights of `room` (K + 1,): the share of its reward that each patch 0 to K is left with.
+    """Fill the weights of `room`: the share of its reward that each patch is left with.
 
-    buffer, stride, box : what is drawn, as from `rasteriser.draw_object`; packed : the image, as from `pack_view`
-    patches : (h, w); terms : as `robust_pixel` has them; room : what `patch_room` returned
+    buffer, stride, box : what is drawn, as from `rasteriser.draw_object`; packed, patches : of the image, as from
+    `pack_view` and `pack_patches`; terms : as `robust_pixel` has them; room : what `patch_room` returned
     """
     explained, beyond, weights = room
     left, right, top, bottom = box
@@ -63,16 +62,20 @@ def weigh_patches(buffer: Any, stride: int, box: Any, packed: Any, patches: Any,
     explained[:], beyond[:] = 0, 0
     for row in range(top, bottom + 2):
         before: Any = False
+        # one patch fills a row for long: what it counts is put down only where another begins
+        patch, run = 0, 0
         here, above = (row - top) * stride - left, (row - top - 1) * stride - left
         for column in range(left, right + 2):
             inside = row <= bottom and column <= right
             w = buffer[here + column] if inside else _ZERO
             covered = w > _ZERO
             if covered:
-                number = patches[row, column]
-                if number > 0:
-                    difference = np.int32(packed[row + 1, column + 1]).view(np.float32) - _ONE / w
-                    explained[number] += abs(difference) < tolerance
+                number = np.int64(patches[row + 1, column + 1])
+                if number != patch:
+                    explained[patch] += run
+                    patch, run = number, 0
+                seen = np.int32(packed[row + 1, column + 1]).view(np.float32)
+                run += abs(seen * w - _ONE) < tolerance * w
             if covered != before:
                 # back from where it begins, on from where it ends
                 if covered:
@@ -86,6 +89,7 @@ def weigh_patches(buffer: Any, stride: int, box: Any, packed: Any, patches: Any,
                     _count_beyond(buffer, stride, box, patches, row - 1, column, -1, 0, beyond)
                 else:
                     _count_beyond(buffer, stride, box, patches, row, column, 1, 0, beyond)
+        explained[patch] += run
     weights[0] = _ONE
     for number in range(1, len(weights)):
         counted = 2 * explained[number] + beyond[number]  # along its row and its column, as what lies beyond

@@ -55,14 +55,21 @@ def through_joints(poses_from, edge, to_child, axis_positions, axis_count, befor
     relative = np.empty(7)
     scratch = np.empty(7)
     motion = np.empty(7)
+    first = np.empty(7)
     for g in range(poses_from.shape[0]):
         e = edge[g]
         for m in range(poses_from.shape[1]):
+            # all positions have the way to the first axis in common
+            if to_child[g]:
+                _multiply(poses_from[g, m], before[e, 0], first)
+            else:
+                first[:] = before[e, 0]
             for d in range(axis_positions.shape[2]):
-                relative[:] = 0.0
-                relative[3] = 1.0
                 for k in range(axis_count[e]):
-                    _multiply(relative, before[e, k], scratch)
+                    if k == 0:
+                        scratch[:] = first
+                    else:
+                        _multiply(relative, before[e, k], scratch)
                     q = axis_positions[g, m, d, k]
                     motion[:] = 0.0
                     if revolute[e, k]:
@@ -75,10 +82,10 @@ def through_joints(poses_from, edge, to_child, axis_positions, axis_count, befor
                         for c in range(3):
                             motion[c] = q * axes[e, k, c]
                     _multiply(scratch, motion, relative)
-                _multiply(relative, after[e], scratch)
                 if to_child[g]:
-                    _multiply(poses_from[g, m], scratch, out[g, m, d])
+                    _multiply(relative, after[e], out[g, m, d])
                 else:
+                    _multiply(relative, after[e], scratch)
                     _invert(scratch, relative)
                     _multiply(poses_from[g, m], relative, out[g, m, d])
 

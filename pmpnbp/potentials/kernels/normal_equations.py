@@ -20,10 +20,10 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 def _compared(room: Any, box: Any, stride: int, image: Any, terms: Any, patch_counts: Any, pixels: Any) -> int:
     """List the pixels of what is drawn that can be explained, and return how many: their places in the image and parts
     (2, …), and depths, residuals and weights (3, …), into `pixels`."""
-    packed, _, _, patches = image
+    packed, _, _, patches, patch_count = image
     weights = patch_counts[2]
     places, lengths = pixels
-    weighed = len(weights) > 1
+    weighed = patch_count > 1 and terms[4] < _ONE
     if weighed:
         weigh_patches(room[5], stride, box, packed, patches, terms, patch_counts)
     left, right, top, bottom = box
@@ -36,10 +36,10 @@ def _compared(room: Any, box: Any, stride: int, image: Any, terms: Any, patch_co
                 word = packed[row + 1, column + 1]
                 reward = pixel_reward(word & CATEGORY_BITS, terms[3], _ONE)
                 if weighed:
-                    reward *= weights[patches[row, column]]
+                    reward *= weights[patches[row + 1, column + 1]]
                 if reward > _ZERO:
                     depth = 1.0 / w
-                    places[0, count], places[1, count] = row * patches.shape[1] + column, room[6][place]
+                    places[0, count], places[1, count] = row * (packed.shape[1] - 2) + column, room[6][place]
                     lengths[0, count], lengths[1, count] = depth, np.int32(word).view(np.float32) - depth
                     lengths[2, count] = reward
                     count += 1
@@ -80,20 +80,20 @@ def _add_range(
     information: Any,
     gradient: Any,
 ) -> None:
-    _, lens, pose_camera_world, patches = image
-    height, width = patches.shape
+    packed, lens, pose_camera_world, _, patch_count = image
+    height, width = packed.shape[0] - 2, packed.shape[1] - 2
     view = (lens, pose_camera_world, width, height)
     room = scratch(mesh, width, height)
     terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4])
-    patch_counts = patch_room(patches, terms[4])
+    patch_counts = patch_room(patch_count)
     pixels = (np.empty((2, height * width), dtype=np.int32), np.empty((3, height * width)))
     size = probes.shape[1]
     slopes = np.empty((size, height * width))
     for h in range(start, len(poses), step):
-        box, stride = draw_object(poses[h, 0], view, mesh, room)
+        box, stride = draw_object(poses[h, 0], view, mesh, room, room[6])
         count = _compared(room, box, stride, image, terms32, patch_counts, pixels)
         for k in range(size):
-            box, stride = draw_object(poses[h, 1 + k], view, mesh, room)
+            box, stride = draw_object(poses[h, 1 + k], view, mesh, room, room[6])
             _slopes(room, box, stride, width, pixels, count, probes[h, k], steepest, slopes[k])
         residuals, rewards = pixels[1][1], pixels[1][2]
         for gate in range(len(gates)):

@@ -41,6 +41,16 @@ def pack_view(depth: NDArray[np.float32], category: NDArray[np.uint8]) -> NDArra
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
+def pack_patches(patches: NDArray[np.int16]) -> NDArray[np.int16]:
+    """Numbers of patches (h, w) with the border of `pack_view`, of patch 0."""
+    height, width = patches.shape
+    room = np.zeros((height + 2) * (width + 2) + LANES, dtype=np.int16)
+    packed = room[: (height + 2) * (width + 2)].reshape(height + 2, width + 2)
+    packed[1:-1, 1:-1] = patches
+    return packed
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
 def pixel_reward(category: Any, support_reward: Any, continued_reward: Any) -> Any:
     """The most that a covered pixel of a category can earn, float32."""
     beside = support_reward if category == SUPPORT else (continued_reward if category == CONTINUED else _ZERO)

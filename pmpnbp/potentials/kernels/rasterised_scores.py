@@ -57,7 +57,7 @@ def _sum_distance(buffer: Any, stride: int, box: Any, packed: Any, lens: Any) ->
 def _add_part_range(
     start: int, step: int, image: Any, mesh: Any, part: Any, poses: Any, terms: Any, robust: bool, out: Any
 ) -> None:
-    packed, lens, pose_camera_world, _ = image
+    packed, lens, pose_camera_world, _, _ = image
     view = (lens, pose_camera_world, packed.shape[1] - 2, packed.shape[0] - 2)
     room = scratch(mesh, view[2], view[3])
     terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4])
@@ -69,39 +69,47 @@ def _add_part_range(
             out[i] += _sum_distance(room[5], stride, box, packed, lens)
 
 
+@njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+def _sum_weighed(buffer: Any, stride: int, box: Any, packed: Any, patches: Any, weights: Any, terms: Any) -> float:
+    """As `_sum_robust`, of what each patch's weight leaves of its pixels' rewards."""
+    left, _, top, bottom = box
+    image, numbers, width = packed.ravel(), patches.ravel(), packed.shape[1]
+    total = 0.0
+    for row in range(top, bottom + 1):
+        begin = (row + 1) * width + left + 1
+        drawn, words, patch = buffer[(row - top) * stride :], image[begin:], numbers[begin:]
+        row_total: Any = _ZERO
+        for k in range(np.int32(stride)):
+            w = drawn[k]
+            score = robust_pixel(words[k], _ONE / (w if w > _ZERO else _ONE), terms)
+            weight = weights[np.uint32(patch[k])]
+            left_of_it = min(score, score * weight)
+            row_total += left_of_it if w > _ZERO else _ZERO
+        total += row_total
+    return total
+
+
 @njit(nogil=True, cache=True, error_model="numpy")
 def _add_object_range(
     start: int, step: int, image: Any, mesh: Any, poses: Any, terms: Any, robust: bool, out: Any
 ) -> None:
-    packed, lens, pose_camera_world, patches = image
+    packed, lens, pose_camera_world, patches, count = image
     view = (lens, pose_camera_world, packed.shape[1] - 2, packed.shape[0] - 2)
     room = scratch(mesh, view[2], view[3])
     terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4])
     # what lies on a long surface counts by whether that goes on beyond the outline, known here and not part by part
     whole32 = (terms[0], terms[1], terms[2], terms[3], _ONE)
-    patch_counts = patch_room(patches, terms[4] if robust else _ONE)
-    weights = patch_counts[2]
-    weighed = len(weights) > 1
+    patch_counts = patch_room(count)
+    weighed = robust and count > 1 and terms[4] < _ONE
     for i in range(start, len(poses), step):
-        box, stride = draw_object(poses[i], view, mesh, room)
-        left, right, top, bottom = box
+        box, stride = draw_object(poses[i], view, mesh, room, None)
         if weighed:
             weigh_patches(room[5], stride, box, packed, patches, terms32, patch_counts)
-        for row in range(top, bottom + 1):
-            y = (row - lens[3]) / lens[1]
-            for column in range(left, right + 1):
-                place = np.uint64((row - top) * stride + column - left)
-                w = room[5][place]
-                if w > _ZERO:
-                    word = packed[row + 1, column + 1]
-                    if robust:
-                        score = robust_pixel(word, _ONE / w, whole32)
-                        if weighed and score > _ZERO:
-                            score *= weights[patches[row, column]]
-                    else:
-                        x = (column - lens[2]) / lens[0]
-                        score = distance_pixel(word, _ONE / w, np.float32(np.sqrt(x * x + y * y + 1.0)))
-                    out[i, room[6][place]] += score
+            out[i] += _sum_weighed(room[5], stride, box, packed, patches, patch_counts[2], whole32)
+        elif robust:
+            out[i] += _sum_robust(room[5], stride, box, packed, whole32)
+        else:
+            out[i] += _sum_distance(room[5], stride, box, packed, lens)
 
 
 @njit(nogil=True, cache=True, error_model="numpy", parallel=True)
@@ -129,7 +137,8 @@ def add_part_scores(
 ) -> None:
     """Add to `out` (B,) the score of each part pose, drawn alone, in one view, in pixels (robust) or metre pixels.
 
-    image : (packed (h + 2, w + 2), see `pack_view`; lens fx fy cx cy; pose_camera_world (7,); patches (h, w))
+    image : (packed (h + 2, w + 2), see `pack_view`; lens fx fy cx cy; pose_camera_world (7,); patches (h + 2,
+        w + 2), see `pack_patches`; one more than the largest number among them)
     mesh : see `rasteriser`; part : (B,); poses : (B, 7), part in world
     terms : tolerance, free space cost, occlusion cost, support reward, continued reward
     """
@@ -147,9 +156,8 @@ def add_object_scores(
     robust: bool,
     out: NDArray[np.float64],
 ) -> None:
-    """As `add_part_scores` for whole objects at poses (B, N, 7), all parts drawn into one z-buffer: out (B, N) gets
-    each part's share, from the pixels in which it is in front. What goes on beyond the outline counts less, see
-    `continuation`."""
+    """As `add_part_scores` for whole objects at poses (B, N, 7), all parts drawn into one z-buffer. What goes on beyond
+    the outline counts less, see `continuation`."""
     if len(poses) * len(mesh[3]) < PARALLEL_FROM or get_num_threads() == 1:
         _add_object_range(0, 1, image, mesh, poses, terms, robust, out)
     else:

@@ -138,10 +138,11 @@ def draw_part(node: int, pose: Any, view: Any, mesh: Any, room: Any) -> Any:
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def draw_object(poses: Any, view: Any, mesh: Any, room: Any) -> Any:
-    """As `draw_part`, all parts at poses (N, 7) into one z-buffer, and each pixel's part number beside it."""
+def draw_object(poses: Any, view: Any, mesh: Any, room: Any, owner: Any) -> Any:
+    """As `draw_part`, all parts at poses (N, 7) into one z-buffer. owner : that of `room`, to have each pixel's part
+    number beside it, or None"""
     vertices, faces, one_sided, vertex_offsets, face_offsets = mesh
-    us, vs, ws, chosen, boxes, buffer, owner = room
+    us, vs, ws, chosen, boxes, buffer, _ = room
     lens, pose_camera_world, width, height = view
     left, right, top, bottom = width, -1, height, -1
     for node in range(len(poses)):
@@ -203,7 +204,7 @@ def object_depth(poses: NDArray[np.float64], view: Any, mesh: Any) -> Any:
     """As `part_depth` for all parts at poses (N, 7), and the part number (height, width) int16, -1 where nothing is."""
     width, height = view[2], view[3]
     room = scratch(mesh, width, height)
-    box, stride = draw_object(poses, view, mesh, room)
+    box, stride = draw_object(poses, view, mesh, room, room[6])
     depth = _depth_image(box, stride, room[5], width, height)
     number = np.full((height, width), -1, dtype=np.int16)
     left, right, top, bottom = box

@@ -100,10 +100,10 @@ def part_score(
     robust: bool,
 ) -> float:
     """Score of one part, drawn alone from vertices (V, 3) in the camera's frame: the sum over its covered pixels."""
-    return float(object_shares(depth, category, lens, [vertices], [faces], terms, robust)[0])
+    return object_score(depth, category, lens, [vertices], [faces], terms, robust)
 
 
-def object_shares(
+def object_score(
     depth: Floats,
     category: NDArray[np.uint8],
     lens: Floats,
@@ -112,16 +112,15 @@ def object_shares(
     terms: Floats,
     robust: bool,
     patches: NDArray[np.int16] | None = None,
-) -> NDArray[np.float64]:
-    """Each part's share (N,) of an object's score: the sum over the pixels in which the part is in front. Rewards on
-    `patches` (h, w), where they are given, are weighed by `patch_weights`, and not once more as CONTINUED."""
+) -> float:
+    """Score of a whole object: the sum over the pixels that any part covers, at the depth of the part in front. Rewards
+    on `patches` (h, w), where they are given, are weighed by `patch_weights`, and not once more as CONTINUED."""
     height, width = depth.shape
     fx, fy, cx, cy = lens
     column, row = np.meshgrid(np.arange(width), np.arange(height))
     ray_length = np.sqrt(((column - cx) / fx) ** 2 + ((row - cy) / fy) ** 2 + 1.0)
     drawn = np.stack([draw(*part, lens, width, height) for part in zip(vertices, faces, strict=True)])
     distance = np.where(drawn > 0, drawn, np.inf)
-    front = distance.argmin(axis=0)
     rendered = distance.min(axis=0)
     covered = np.isfinite(rendered)
     rendered = np.where(covered, rendered, 0.0)
@@ -133,7 +132,7 @@ def object_shares(
         scores = robust_scores(depth, category, rendered, terms)
     else:
         scores = distance_scores(depth, category, rendered, ray_length)
-    return np.array([np.sum(scores[covered & (front == node)]) for node in range(len(faces))])
+    return float(scores[covered].sum())
 
 
 def patch_weights(

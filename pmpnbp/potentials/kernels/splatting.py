@@ -72,7 +72,7 @@ def _sum_points(points: Any, used: int, m: Any, lens: Any, image: Any, size: Any
 def _add_range(
     start: int, stop: int, image: Any, splats: Any, part: Any, poses: Any, terms: Any, robust: bool, used: int, out: Any
 ) -> None:
-    packed, lens, pose_camera_world, _ = image
+    packed, lens, pose_camera_world, _, _ = image
     points, areas, centres = splats
     size = (np.float32(packed.shape[1]), np.float32(packed.shape[0]))
     pixels = packed.ravel()

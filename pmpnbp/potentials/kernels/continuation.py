@@ -1,8 +1,10 @@
 """Does a surface go on where the object ends? Counts along the rendered outline, and what they leave of the reward.
 
-What confirms a pose is a surface that ends where the object does. Of every smooth patch of the scan (see
-`scene/patches.py`) the pixels are counted that the object explains, and those of it beyond the object's outline, up to
-AHEAD pixels on along rows and columns. A patch of which much lies beyond is as well explained without the object.
+What confirms a pose is a surface that ends where the object does. Where a row or a column of the image leaves the
+object, the pixels of every smooth patch of the scan (see `scene/patches.py`) are counted on both sides of the outline,
+up to AHEAD of them: those that the object explains, and those beyond. A patch of which much lies beyond is as well
+explained without the object. The counts stay near the outline, so that a large object is asked no less than a small
+one; where the image ends with the object nothing is known and nothing counted.
 """
 
 from __future__ import annotations
@@ -11,9 +13,8 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-# Pixels beyond the outline that are looked at.
+# Pixels on either side of the outline that are looked at.
 AHEAD = 8
 # Of a patch's counted pixels the share beyond up to which its reward is whole, and from which on it is the least.
 ENDS, GOES_ON = 0.1, 0.2
@@ -21,25 +22,44 @@ ENDS, GOES_ON = 0.1, 0.2
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
-@njit(nogil=True, cache=True, error_model="numpy", inline="always")
-def _count_beyond(
-    buffer: Any, stride: int, box: Any, patches: Any, row: int, column: int, down: int, across: int, beyond: Any
-) -> None:
-    """Count the patches' pixels from one at the outline's far side on, one step down and across at a time, up to where
-    the image ends or something is drawn again."""
+@njit(nogil=True, cache=True, error_model="numpy")
+def _count_across(drawn: Any, scan: Any, row: int, column: int, down: int, across: int, room: Any) -> None:
+    """Count what a line along a row or column meets where it leaves the object: AHEAD pixels back and as many on.
+
+    drawn : buffer, stride and box; scan : packed image, patches and tolerance; row, column : the last covered pixel;
+    down, across : one step on. Nothing is counted where the image ends with the object.
+    """
+    buffer, stride, box = drawn
+    packed, patches, tolerance = scan
+    explained, beyond, _ = room
     left, right, top, bottom = box
-    height, width = patches.shape[0] - 2, patches.shape[1] - 2
+    if not (0 <= row + down < patches.shape[0] - 2 and 0 <= column + across < patches.shape[1] - 2):
+        return
+    y, x = row, column
     for _ in range(AHEAD):
-        if row < 0 or row >= height or column < 0 or column >= width:
+        if not (left <= x <= right and top <= y <= bottom):
             break
-        inside = left <= column <= right and top <= row <= bottom
-        if inside and buffer[(row - top) * stride + column - left] > _ZERO:
+        w = buffer[(y - top) * stride + x - left]
+        if not w > _ZERO:
             break
-        number = patches[row + 1, column + 1]
+        number = patches[y + 1, x + 1]
+        if number > 0:
+            seen = np.int32(packed[y + 1, x + 1]).view(np.float32)
+            explained[number] += abs(seen * w - _ONE) < tolerance * w
+        y -= down
+        x -= across
+    y, x = row + down, column + across
+    for _ in range(AHEAD):
+        inside = left <= x <= right and top <= y <= bottom
+        if inside and buffer[(y - top) * stride + x - left] > _ZERO:
+            break
+        number = patches[y + 1, x + 1]
         if number > 0:
             beyond[number] += 1
-        row += down
-        column += across
+        y += down
+        x += across
+        if not (0 <= y < patches.shape[0] - 2 and 0 <= x < patches.shape[1] - 2):
+            break
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -58,41 +78,28 @@ def weigh_patches(buffer: Any, stride: int, box: Any, packed: Any, patches: Any,
     """
     explained, beyond, weights = room
     left, right, top, bottom = box
-    tolerance, least = terms[0], terms[4]
+    drawn, scan = (buffer, stride, box), (packed, patches, terms[0])
     explained[:], beyond[:] = 0, 0
     for row in range(top, bottom + 2):
         before: Any = False
-        # one patch fills a row for long: what it counts is put down only where another begins
-        patch, run = 0, 0
         here, above = (row - top) * stride - left, (row - top - 1) * stride - left
         for column in range(left, right + 2):
-            inside = row <= bottom and column <= right
-            w = buffer[here + column] if inside else _ZERO
-            covered = w > _ZERO
-            if covered:
-                number = np.int64(patches[row + 1, column + 1])
-                if number != patch:
-                    explained[patch] += run
-                    patch, run = number, 0
-                seen = np.int32(packed[row + 1, column + 1]).view(np.float32)
-                run += abs(seen * w - _ONE) < tolerance * w
+            covered = row <= bottom and column <= right and buffer[here + column] > _ZERO
             if covered != before:
                 # back from where it begins, on from where it ends
                 if covered:
-                    _count_beyond(buffer, stride, box, patches, row, column - 1, 0, -1, beyond)
+                    _count_across(drawn, scan, row, column, 0, -1, room)
                 else:
-                    _count_beyond(buffer, stride, box, patches, row, column, 0, 1, beyond)
+                    _count_across(drawn, scan, row, column - 1, 0, 1, room)
             before = covered
             covered_above = row > top and column <= right and buffer[above + column] > _ZERO
             if covered != covered_above:
                 if covered:
-                    _count_beyond(buffer, stride, box, patches, row - 1, column, -1, 0, beyond)
+                    _count_across(drawn, scan, row, column, -1, 0, room)
                 else:
-                    _count_beyond(buffer, stride, box, patches, row, column, 1, 0, beyond)
-        explained[patch] += run
+                    _count_across(drawn, scan, row - 1, column, 1, 0, room)
     weights[0] = _ONE
     for number in range(1, len(weights)):
-        counted = 2 * explained[number] + beyond[number]  # along its row and its column, as what lies beyond
-        share = beyond[number] / max(counted, 1)
+        share = beyond[number] / max(explained[number] + beyond[number], 1)
         going_on = min(max((share - ENDS) / (GOES_ON - ENDS), 0.0), 1.0)
-        weights[number] = np.float32(1.0 - going_on * (1.0 - least))
+        weights[number] = np.float32(1.0 - going_on * (1.0 - terms[4]))

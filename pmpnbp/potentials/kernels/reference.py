@@ -140,22 +140,25 @@ def patch_weights(
 ) -> NDArray[np.float64]:
     """The share (K + 1,) of its reward that each patch 0 to K is left with, of what is `rendered`, 0 where nothing is.
 
-    Along every row and column the pixels of a patch are counted that are rendered within the tolerance, and those up to
-    AHEAD pixels beyond each end of what is rendered. Of both together a share beyond of ENDS leaves the whole reward,
-    one of GOES_ON or more the share `least` of it.
+    Wherever a row or a column leaves what is rendered, the pixels of a patch are counted on either side of the outline,
+    AHEAD of them at most: those rendered within the tolerance before it, and those beyond. Of both together a share
+    beyond of ENDS leaves the whole reward, one of GOES_ON or more the share `least` of it.
     """
     explained, beyond = np.zeros(patches.max() + 1), np.zeros(patches.max() + 1)
     close = (rendered > 0) & (np.abs(depth - rendered) < tolerance)
     for covered, fits, numbers in ((rendered > 0, close, patches), ((rendered > 0).T, close.T, patches.T)):
         for line, line_fits, line_numbers in zip(covered, fits, numbers, strict=True):
             for way in (1, -1):
-                drawn, number = line[::way], line_numbers[::way]
+                drawn, fit, number = line[::way], line_fits[::way], line_numbers[::way]
                 for place in np.flatnonzero(drawn[:-1] & ~drawn[1:]).tolist():
+                    for k in range(place, max(place - AHEAD, -1), -1):
+                        if not drawn[k]:
+                            break
+                        explained[number[k]] += fit[k]
                     for k in range(place + 1, min(place + 1 + AHEAD, len(drawn))):
                         if drawn[k]:
                             break
                         beyond[number[k]] += 1
-            np.add.at(explained, line_numbers[line_fits], 1)
     share = beyond / np.maximum(explained + beyond, 1)
     weights: NDArray[np.float64] = np.interp(share, [ENDS, GOES_ON], [1.0, least])
     weights[0] = 1.0

@@ -11,6 +11,8 @@ SERVE_STAMP := $(VENV)/.installed-to-serve
 # pip's own advice about newer versions of itself, and its prompts, are noise in a log
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
+# What is imported is compiled once and kept, whatever the shell says; what never is (most of 1.4 GB) is not compiled
+export PYTHONDONTWRITEBYTECODE :=
 
 # Files in the order that tests/conftest.py gives them, not by their number of tests. Failing tests are run again under
 # either instruction set, which tells whether the processor decides
@@ -78,7 +80,7 @@ clean:
 define install
 @$(BIN)/python -m pip --version >/dev/null 2>&1 || sh .ci/make_venv $(VENV) $(PYTHON)
 @echo "Installing the packages of constraints.txt into $(VENV) ($(2) GB on disk, some minutes the first time)"
-@$(BIN)/python -m pip install -qq --progress-bar off --editable '$(1)' --constraint constraints.txt \
+@$(BIN)/python -m pip install -qq --no-compile --progress-bar off --editable '$(1)' --constraint constraints.txt \
   || { echo "The packages could not be installed into $(VENV); pip's own words are above." >&2; exit 1; }
 endef
 

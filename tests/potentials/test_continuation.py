@@ -48,8 +48,8 @@ def test_a_plate_anywhere_on_a_wall_is_worth_a_tenth_however_large(size: float) 
 
 
 def test_a_plate_that_the_picture_cuts_off_is_judged_by_the_sides_that_are_seen() -> None:
-    """Laid onto a table's near corner, it was worth almost all of its pixels, and a laptop further back fewer. Pixels at
-    the picture's own border, where no smoothness can be told, belong to no patch and keep theirs."""
+    """Laid onto a table's near corner, it was worth almost all of its pixels, and a laptop further back fewer. Pixels
+    at the picture's own border, where no smoothness can be told, belong to no patch and keep theirs."""
     wall = np.ones((EYE.height, EYE.width))
     surfaces, pose = plate(0.7, 0.5), at(-0.4, 0.3)
     drawn = render(EYE, surfaces, pose)[0] > 0

@@ -3,8 +3,9 @@
 A wrist found turned by half, or a head that looks up instead of down, is a place from which no small move leads out,
 and the search, which puts whole objects together from the root, seldom draws again only that joint. Here each joint
 in turn is put to positions all over its range, once with everything behind it carried along and once with it left as
-near to its place as the joints allow; the best position of each joint is polished before it is compared, as a joint
-in its right place is worth little until its neighbours have followed.
+near to its place as the joints allow; and three joints in a row are moved where these leave all behind them in place.
+The best position of each joint is polished before it is compared, as a joint in its right place is worth little until
+its neighbours have followed.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.half_turns import half_turns
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import assemble, configuration_scores, polish
 from pmpnbp.settings import Schedule
@@ -53,8 +55,9 @@ def sweep(
 def elsewhere(
     rng: np.random.Generator, problem: Problem, roots: Array, joints: Array, plan: Schedule
 ) -> tuple[Array, Array]:
-    """Joint vectors (H, J, D) of each of H configurations (H, 7), (H, D) with one of J joints moved, each to the best
-    of its positions that are well away from its present one; and their scores (H, J), -inf where it has none."""
+    """Joint vectors (H, J, D) of each of H configurations (H, 7), (H, D) with one of its joints moved, each to the best
+    of its positions that are well away from its present one, then with three of them moved (see `half_turns`); and
+    their scores (H, J), -inf where a joint has no such place."""
     model, mrf, many = problem.mrf.model, problem.mrf, len(roots)
     part_poses = model.part_poses(roots, joints)
     repeated, rows = np.repeat(roots[:, None], 2 * POSITIONS, axis=1), np.arange(many)
@@ -79,8 +82,12 @@ def elsewhere(
             score = np.full(far.shape, -np.inf)
             score[far] = configuration_scores(problem, repeated[far], tried[far], plan.tolerance)
             best = score.argmax(axis=1)
-            found.append(tried[rows, best])
-            scores.append(score[rows, best])
-    if not found:
-        return np.zeros((many, 0, model.dof)), np.zeros((many, 0))
-    return np.stack(found, axis=1), np.stack(scores, axis=1)
+            found.append(tried[None, rows, best])
+            scores.append(score[None, rows, best])
+    turned, possible = half_turns(mrf, roots, joints)
+    score = np.full(possible.shape, -np.inf)
+    which = np.nonzero(possible)
+    score[which] = configuration_scores(problem, roots[which[0]], turned[which], plan.tolerance)
+    found.append(np.swapaxes(turned, 0, 1))
+    scores.append(score.T)
+    return np.swapaxes(np.concatenate(found), 0, 1), np.concatenate(scores).T

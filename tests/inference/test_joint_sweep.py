@@ -66,7 +66,8 @@ def test_elsewhere_is_far_from_here_and_worth_what_it_says(chain: tuple[Problem,
     here = np.stack([truth, -truth, 0.5 * truth])
     roots = np.tile(root, (3, 1))
     found, score = elsewhere(np.random.default_rng(0), problem, roots, here, plan)
-    assert found.shape == (3, 3, 3)
+    # no joint here has room for half a turn
+    assert found.shape == (3, 4, 3) and np.all(score[:, 3] == -np.inf)
     for joint in range(3):
         gap = np.abs(found[:, joint, joint] - here[:, joint])
         assert np.all(gap > APART * (model.upper[joint] - model.lower[joint]))

@@ -1,0 +1,96 @@
+"""Half a turn that the next two joints make good: the part behind them stays, the one between does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pmpnbp.geometry import poses
+from pmpnbp.inference import joint_sweep
+from pmpnbp.inference import mrf as mrf_module
+from pmpnbp.inference import problem as problems
+from pmpnbp.inference.half_turns import half_turns, in_a_row
+from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
+from pmpnbp.scene.meshes import box, transformed
+from pmpnbp.scene.parts import LinkSurface
+from pmpnbp.scene.prior import UniformPrior
+from pmpnbp.settings import schedule
+from tests.inference import small_worlds as worlds
+
+
+def arm(limit: float = 3.3) -> ArticulatedObject:
+    """A shoulder that turns about the upright, a forearm that rolls, a wrist that bends, a hand that rolls."""
+    joints = [
+        Joint("shoulder", "revolute", "link0", "link1", worlds.at(z=0.1), worlds.Y, -1.0, 1.0, (0,)),
+        Joint("roll", "revolute", "link1", "link2", worlds.at(z=0.3), worlds.Z, -limit, limit, (1,)),
+        Joint("flex", "revolute", "link2", "link3", worlds.at(0.02, z=0.3), worlds.Y, -2.0, 2.0, (2,)),
+        Joint("hand", "continuous", "link3", "link4", worlds.at(z=0.1), worlds.Z, -np.pi, np.pi, (3,)),
+    ]
+    surfaces = {f"link{k}": worlds.block([0.05, 0.06, 0.1]) for k in range(5)}
+    # a fin on the forearm and a hook on the hand show how they are rolled
+    bar, fin = box([0.05, 0.06, 0.28]), transformed(box([0.1, 0.01, 0.2]), worlds.at(0.07, z=0.0))
+    surfaces["link2"] = LinkSurface(exact=tuple(transformed(mesh, worlds.at(z=0.15)) for mesh in (bar, fin)))
+    hand, hook = box([0.06, 0.12, 0.1]), transformed(box([0.08, 0.02, 0.02]), worlds.at(0.06, 0.04, 0.04))
+    surfaces["link4"] = LinkSurface(exact=tuple(transformed(mesh, worlds.at(z=0.08)) for mesh in (hand, hook)))
+    return worlds.articulated(joints, surfaces)
+
+
+def test_a_wrist_bent_the_other_way_leaves_the_hand_in_place(rng: np.random.Generator) -> None:
+    model = arm()
+    mrf = mrf_module.build(model)
+    joints = np.column_stack(
+        [rng.uniform(-1, 1, 8), rng.uniform(-3, 3, 8), rng.uniform(0.3, 1.5, 8), rng.uniform(-3, 3, 8)]
+    )
+    roots = np.tile(worlds.at(0.5, yaw=0.4), (8, 1))
+    found, possible = half_turns(mrf, roots, joints)
+    # the shoulder has no room for half a turn; the roll has
+    assert found.shape == (8, 2, 4) and not possible[:, 0].any() and possible[:, 1].all()
+    changed = found[:, 1]
+    np.testing.assert_array_equal(changed[:, 0], joints[:, 0])
+    np.testing.assert_allclose(np.abs(changed[:, 1] - joints[:, 1]), np.pi)
+    before, after = model.part_poses(roots, joints), model.part_poses(roots, changed)
+    # the elbow's 2 cm between roll and bend do not come back, the rest does
+    assert np.linalg.norm(before[:, 4, :3] - after[:, 4, :3], axis=1).max() < 0.05
+    assert poses.rotation_angle(before[:, 4, 3:], after[:, 4, 3:]).max() < 0.2
+    assert np.all(changed[:, 2] < 0.0)
+    assert poses.rotation_angle(before[:, 2, 3:], after[:, 2, 3:]) == pytest.approx(np.pi)
+
+
+def test_a_joint_without_room_for_half_a_turn_is_said_to_have_none() -> None:
+    model = arm(limit=1.5)
+    _, possible = half_turns(mrf_module.build(model), worlds.at()[None], np.array([[0.0, 0.2, 0.5, 0.1]]))
+    assert not possible.any()
+
+
+def test_an_object_of_two_joints_has_no_three_in_a_row() -> None:
+    model = worlds.cupboard()
+    found, possible = half_turns(mrf_module.build(model), worlds.at()[None], np.zeros((1, 2)))
+    assert found.shape == (1, 0, 2) and possible.shape == (1, 0)
+
+
+def test_two_edges_in_a_row_are_one(rng: np.random.Generator) -> None:
+    model = arm()
+    first, second = model.edges[1], model.edges[2]
+    q = rng.uniform(-1, 1, (5, 2))
+    apart = poses.multiply(first.pose_parent_child(q[:, :1]), second.pose_parent_child(q[:, 1:]))
+    np.testing.assert_allclose(in_a_row(first, second).pose_parent_child(q), apart, atol=1e-12)
+
+
+def test_the_sweep_comes_back_from_a_wrist_bent_the_other_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In one step, where one joint at a time finds no better place."""
+    model, root, truth = arm(), worlds.at(1.0, z=0.3, yaw=0.3), np.array([0.5, 0.7, 1.0, -0.4])
+    scene = problems.build(
+        model, worlds.seen(model, root, truth), UniformPrior("upright"), worlds.settings(), particles=40
+    )
+    plan = schedule(scene.settings, scene.search_iterations, scene.search_iterations)
+    wrong, _ = half_turns(scene.mrf, root[None], truth[None])
+
+    def swept() -> np.ndarray:
+        rng = np.random.default_rng(0)
+        return joint_sweep.sweep(rng, scene, root, wrong[0, 1], plan, 0.024, 1)[1]
+
+    assert abs(wrong[0, 1, 2] - truth[2]) > 1.0
+    np.testing.assert_allclose(swept(), truth, atol=0.15)
+    none = np.zeros((1, 0, 4)), np.zeros((1, 0), dtype=bool)
+    monkeypatch.setattr(joint_sweep, "half_turns", lambda mrf, roots, joints: none)
+    assert np.abs(swept() - truth).max() > 1.0

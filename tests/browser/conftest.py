@@ -116,7 +116,7 @@ def new_page(browser: Browser, troubles: Troubles) -> Iterator[Callable[..., Pag
 
     def open_page(**options: Any) -> Page:
         # how a page moves is nothing that these tests look at
-        settings = {"viewport": DESK, "reduced_motion": "reduce", "service_workers": "block"} | options
+        settings = {"viewport": SMALL, "reduced_motion": "reduce", "service_workers": "block"} | options
         context = browser.new_context(**settings)
         context.set_default_timeout(PATIENCE)
         contexts.append(context)
@@ -132,14 +132,8 @@ def new_page(browser: Browser, troubles: Troubles) -> Iterator[Callable[..., Pag
 
 @pytest.fixture
 def page(new_page: Callable[..., Page]) -> Page:
-    """An empty page of 1440 by 900 pixels, in light colours."""
+    """An empty page in light colours."""
     return new_page(color_scheme="light")
-
-
-@pytest.fixture
-def small_page(new_page: Callable[..., Page]) -> Page:
-    """An empty page with a small scene, in light colours."""
-    return new_page(viewport=SMALL, color_scheme="light")
 
 
 @pytest.fixture(scope="module")

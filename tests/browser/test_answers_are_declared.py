@@ -23,22 +23,22 @@ def session(served: Served) -> str:
     [("LinkEstimate", "visible_fraction"), ("Session", "max_std"), ("TraceRow", "std_xyz"), ("GraphPart", "links")],
 )
 def test_a_renamed_member_is_seen(
-    small_page: Page, served: Served, session: str, troubles: Troubles, schema: str, member: str
+    page: Page, served: Served, session: str, troubles: Troubles, schema: str, member: str
 ) -> None:
     renamed = copy.deepcopy(document())
     members = renamed["components"]["schemas"][schema]["properties"]
     members[f"new_{member}"] = members.pop(member)
-    small_page.add_init_script(strict_answers(renamed))
+    page.add_init_script(strict_answers(renamed))
     troubles.expect("")  # the page cannot work: what matters is that it says why
-    small_page.goto(f"{served.url}/sessions/{session.rsplit('/', 1)[1]}/")
-    wait(small_page, lambda: any(f"'{member}'" in text for text in troubles.found))
+    page.goto(f"{served.url}/sessions/{session.rsplit('/', 1)[1]}/")
+    wait(page, lambda: any(f"'{member}'" in text for text in troubles.found))
 
 
 def test_a_page_of_a_server_that_keeps_its_word_has_no_trouble(
-    small_page: Page, served: Served, session: str, troubles: Troubles
+    page: Page, served: Served, session: str, troubles: Troubles
 ) -> None:
-    opened(small_page, served, session)
-    assert small_page.evaluate(
+    opened(page, served, session)
+    assert page.evaluate(
         "fetch('/api/v1/sessions').then((a) => a.text()).then((t) => JSON.parse(t)[0].view_url)"
     ).startswith("/sessions/")
     assert troubles.unexpected() == []

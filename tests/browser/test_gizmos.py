@@ -38,8 +38,8 @@ def session(served: Served) -> str:
     return small.after(served.client, 6, name="a cabinet")
 
 
-def test_corners_of_the_region_are_dragged(small_page: Page, served: Served, session: str) -> None:
-    page = opened(small_page, served, session)
+def test_corners_of_the_region_are_dragged(page: Page, served: Served, session: str) -> None:
+    page = opened(page, served, session)
     panel = tab(page, "Layers")
     panel.get_by_role("switch", name="region of interest").check()
     before = look_from_eye(page, served, region=BOX, show=BARE)
@@ -63,8 +63,8 @@ def test_corners_of_the_region_are_dragged(small_page: Page, served: Served, ses
     assert differing(before, after) > 200
 
 
-def test_the_prior_is_moved_and_turned(small_page: Page, served: Served, session: str) -> None:
-    page = opened(small_page, served, session)
+def test_the_prior_is_moved_and_turned(page: Page, served: Served, session: str) -> None:
+    page = opened(page, served, session)
     panel = tab(page, "Layers")
     panel.get_by_role("switch", name="prior").check()
     wait(page, lambda: view(page, served)["prior"] is not None)
@@ -99,9 +99,9 @@ def test_the_prior_is_moved_and_turned(small_page: Page, served: Served, session
     assert differing(before, after) > 200
 
 
-def test_a_click_on_a_particle_explains_it(small_page: Page, served: Served, session: str) -> None:
+def test_a_click_on_a_particle_explains_it(page: Page, served: Served, session: str) -> None:
     """The one that lies most by itself on the screen; what is expected is worked out from REST."""
-    page = opened(small_page, served, session)
+    page = opened(page, served, session)
     before = look_from_eye(page, served, show={**BARE, "particles": True})
     camera, scene = view(page, served)["camera"], page.locator("#scene").bounding_box()
     assert scene is not None

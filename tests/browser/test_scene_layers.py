@@ -15,7 +15,7 @@ from app.palette import KIND_COLOURS, KIND_NAMES, rgb
 from app.viewer.frames import INK
 from pmpnbp.potentials.pixel_kinds import PixelKind
 from tests.app import small_sessions as small
-from tests.browser.conftest import PATIENCE, pixels
+from tests.browser.conftest import DESK, PATIENCE, pixels
 from tests.browser.scene_pointer import BARE, change, differing, ground, look_from_eye, settled
 from tests.browser.session_page import opened, tab, view, wait
 from tests.servers import Served
@@ -40,9 +40,9 @@ def coloured(seen: NDArray[np.uint8], colour: tuple[int, int, int], within: floa
 
 
 def test_without_a_graphics_card_less_is_drawn_unless_somebody_wants_it(
-    small_page: Page, served: Served, session: str
+    page: Page, served: Served, session: str
 ) -> None:
-    page = opened(small_page, served, session)
+    page = opened(page, served, session)
     wait(page, lambda: view(page, served)["economy"] is True)  # browsers of tests have none
     switch = tab(page, "Layers").get_by_role("switch", name="fewer points and pictures", exact=True)
     expect(switch).to_be_checked()
@@ -59,9 +59,9 @@ def test_without_a_graphics_card_less_is_drawn_unless_somebody_wants_it(
     wait(page, lambda: view(page, served)["economy"] is False)
 
 
-def test_each_layer_is_drawn_by_its_switch(small_page: Page, served: Served, session: str) -> None:
+def test_each_layer_is_drawn_by_its_switch(page: Page, served: Served, session: str) -> None:
     """One at a time over an empty scene; switched off again, the scene is as empty as before."""
-    page = opened(small_page, served, session)
+    page = opened(page, served, session)
     panel = tab(page, "Layers")
     empty = look_from_eye(page, served, show=BARE, part="drawer1")
     assert coloured(empty, ground(empty), 2) > 0.97 * empty.shape[0] * empty.shape[1]
@@ -98,8 +98,8 @@ def test_each_layer_is_drawn_by_its_switch(small_page: Page, served: Served, ses
     assert differing(empty, drawn["support planes"]) > 0.1 * empty.shape[0] * empty.shape[1]
 
 
-def test_messages_are_those_of_the_chosen_edge(small_page: Page, served: Served, session: str) -> None:
-    page = opened(small_page, served, session)
+def test_messages_are_those_of_the_chosen_edge(page: Page, served: Served, session: str) -> None:
+    page = opened(page, served, session)
     empty = look_from_eye(page, served, show=BARE)
     page.get_by_role("button", name="between frame and drawer3").click()
     wait(page, lambda: differing(empty, shot(page)) > 30)
@@ -110,8 +110,8 @@ def test_messages_are_those_of_the_chosen_edge(small_page: Page, served: Served,
     assert min(said["frame"], said["drawer3"]) > 5 and max(said["drawer1"], said["drawer2"]) == 0, said
 
 
-def test_colours_of_scan_and_particles(small_page: Page, served: Served, session: str) -> None:
-    page = opened(small_page, served, session)
+def test_colours_of_scan_and_particles(page: Page, served: Served, session: str) -> None:
+    page = opened(page, served, session)
     panel = tab(page, "Layers")
     by_depth = look_from_eye(page, served, show={**BARE, "scan": True})
     panel.get_by_role("button", name="explained", exact=True).click()
@@ -137,9 +137,9 @@ def test_colours_of_scan_and_particles(small_page: Page, served: Served, session
         assert coloured(paler, rgb(colour)) < coloured(by_part, rgb(colour))
 
 
-def test_another_session_is_a_grey_ghost_and_a_table(small_page: Page, served: Served, session: str) -> None:
+def test_another_session_is_a_grey_ghost_and_a_table(page: Page, served: Served, session: str) -> None:
     other = small.after(served.client, 3, name="the other", seed=5)
-    page = opened(small_page, served, session)
+    page = opened(page, served, session)
     alone = look_from_eye(page, served, show={**BARE, "estimate": True})
     panel = tab(page, "Compare")
     panel.get_by_label("Compare with").select_option(label="the other (3)")
@@ -168,8 +168,8 @@ def test_another_session_is_a_grey_ghost_and_a_table(small_page: Page, served: S
     wait(page, lambda: differing(alone, shot(page)) == 0)
 
 
-def test_five_plots_where_the_truth_is_known(page: Page, served: Served, session: str) -> None:
-    opened(page, served, session)
+def test_five_plots_where_the_truth_is_known(new_page: Callable[..., Page], served: Served, session: str) -> None:
+    page = opened(new_page(viewport=DESK), served, session)
     row = served.client.get(f"{session}/trace").json()["iterations"][-1]
     largest, seconds = 1000 * max(row["add"].values()), 1000 * row["seconds"]
     wanted = {
@@ -189,10 +189,10 @@ def test_five_plots_where_the_truth_is_known(page: Page, served: Served, session
 
 
 def test_nothing_is_drawn_for_a_page_that_is_not_seen(
-    small_page: Page, new_page: Callable[..., Page], served: Served
+    page: Page, new_page: Callable[..., Page], served: Served
 ) -> None:
     session = small.after(served.client, 2, name="a cabinet")
-    page = opened(small_page, served, session)
+    page = opened(page, served, session)
     wait(page, lambda: (view(page, served)["drawn"] or {}).get("iteration") == 2)
     # a headless browser's pages are always seen: the page is told what it would hear
     see(page, False)

@@ -28,12 +28,6 @@ NOTE_LABELS = """(button) => {
 
 
 @pytest.fixture
-def page(small_page: Page) -> Page:
-    """An empty page with a small scene, as nothing here but what asks for a phone depends on the size."""
-    return small_page
-
-
-@pytest.fixture
 def session(served: Served) -> str:
     """The path of a session that has made six iterations."""
     return small.after(served.client, 6, name="a cabinet", iterations=12)

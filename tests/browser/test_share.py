@@ -16,7 +16,7 @@ from PIL import Image
 from playwright.sync_api import Locator, Page, expect
 
 from tests.app import small_sessions as small
-from tests.browser.conftest import PATIENCE, SMALL, Troubles, pixels
+from tests.browser.conftest import PATIENCE, Troubles, pixels
 from tests.browser.session_page import opened, tab, view, wait
 from tests.servers import Served
 
@@ -30,10 +30,10 @@ def session(served: Served) -> str:
 
 
 def test_the_scene_is_a_file_that_needs_no_server(
-    small_page: Page, new_page: Callable[..., Page], served: Served, session: str, tmp_path: Path, troubles: Troubles
+    page: Page, new_page: Callable[..., Page], served: Served, session: str, tmp_path: Path, troubles: Troubles
 ) -> None:
     troubles.expect("GPU stall")
-    page = opened(small_page, served, session)
+    page = opened(page, served, session)
     wait(page, lambda: view(page, served)["drawn"] is not None)
     panel = tab(page, "Share")
     with page.expect_download() as download:
@@ -42,7 +42,7 @@ def test_the_scene_is_a_file_that_needs_no_server(
     file = tmp_path / "scene.html"
     download.value.save_as(file)
 
-    alone = new_page(viewport=SMALL, offline=True)
+    alone = new_page(offline=True)
     asked: list[str] = []
     alone.on("request", lambda request: asked.append(request.url))
     alone.goto(file.as_uri())
@@ -52,8 +52,8 @@ def test_the_scene_is_a_file_that_needs_no_server(
     assert asked[0] == file.as_uri()
 
 
-def test_picture_and_estimate_are_those_of_the_iteration(small_page: Page, served: Served, session: str) -> None:
-    page = opened(small_page, served, session)
+def test_picture_and_estimate_are_those_of_the_iteration(page: Page, served: Served, session: str) -> None:
+    page = opened(page, served, session)
     page.get_by_role("slider", name="Iteration").fill("4")
     panel = tab(page, "Share")
     picture = panel.get_by_role("link", name="Picture")
@@ -73,8 +73,7 @@ def test_picture_and_estimate_are_those_of_the_iteration(small_page: Page, serve
 
 
 @pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")
-def test_the_copied_commands_run(small_page: Page, served: Served, session: str) -> None:
-    page = small_page
+def test_the_copied_commands_run(page: Page, served: Served, session: str) -> None:
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     opened(page, served, session)
     page.get_by_role("slider", name="Iteration").fill("5")
@@ -107,13 +106,11 @@ def test_the_copied_commands_run(small_page: Page, served: Served, session: str)
     assert (shown["iteration"], shown["part"], shown["particle"]) == (5, "drawer2", state["particle"])
 
 
-def test_marks_tell_where_a_part_became_certain_and_settings_changed(
-    small_page: Page, served: Served, session: str
-) -> None:
+def test_marks_tell_where_a_part_became_certain_and_settings_changed(page: Page, served: Served, session: str) -> None:
     changed = served.client.patch(session, json={"config": {"effective_share": 0.2}})
     assert changed.status_code == 200
     small.step(served.client, session, 2)
-    page = opened(small_page, served, session)
+    page = opened(page, served, session)
     graph, trace = (served.client.get(f"{session}/{name}").json() for name in ("graph", "trace"))
     since = {}
     for part in graph["parts"]:
@@ -137,23 +134,22 @@ def test_marks_tell_where_a_part_became_certain_and_settings_changed(
     wait(page, lambda: (view(page, served)["drawn"] or {}).get("iteration") == 6)
 
 
-def test_a_mark_tells_what_the_inference_remarked(small_page: Page, served: Served) -> None:
+def test_a_mark_tells_what_the_inference_remarked(page: Page, served: Served) -> None:
     config = small.QUICK | {"search_explained": 1.0, "search_restarts": 1}
     session = small.after(served.client, 4, config=config)
     (note,) = [note for row in served.client.get(f"{session}/trace").json()["iterations"] for note in row["notes"]]
-    page = opened(small_page, served, session)
+    page = opened(page, served, session)
     mark = page.get_by_title(f"iteration 2: {note}")
     expect(mark).to_have_count(1)
     assert place(mark) == pytest.approx(2 / 4, abs=1e-6)
 
 
-def test_a_recording_that_was_cut_short(small_page: Page, served: Served, session: str) -> None:
+def test_a_recording_that_was_cut_short(page: Page, served: Served, session: str) -> None:
     content = served.client.get(f"{session}/recording").content
     cut = content[: int(len(content) * 0.9)]
     made = served.client.post("/api/v1/recordings", files={"file": ("cut.sqlite", cut)}).json()
     newest = made["last_iteration"]
     assert 0 < newest < 6
-    page = small_page
     page.goto(f"{served.url}/sessions/{made['id']}/")
     page.locator("body[data-ready]").wait_for()
     expect(page.locator("#state-word")).to_have_text("recording")

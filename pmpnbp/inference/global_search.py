@@ -59,13 +59,14 @@ class Settling:
     """How much is spent on the last word of the search.
 
     finalists : hypotheses that are polished for a round; mistaken : those of them that others of the same look are made
-    of, as many at most as there are finalists; stay : how many are left after it, and of these and as many with a joint
-    elsewhere after another round; rounds : that those are polished for then; rivals, last_rounds : the distinct ones
-    among them that are polished at the last tolerance, and for how long
+    of; alike : how many of these are polished with them; stay : how many are left after it, and of these and as many
+    with a joint elsewhere after another round; rounds : that those are polished for then; rivals, last_rounds : the
+    distinct ones among them that are polished at the last tolerance, and for how long
     """
 
     finalists: int
     mistaken: int
+    alike: int
     stay: int
     rounds: int
     rivals: int
@@ -74,8 +75,8 @@ class Settling:
 
 # Without a prior places of the same look compete, which differ by little until they are exact; a prior leaves mostly
 # one.
-SETTLE_UNINFORMED = Settling(finalists=20, mistaken=6, stay=16, rounds=2, rivals=6, last_rounds=8)
-SETTLE_INFORMED = Settling(finalists=6, mistaken=0, stay=4, rounds=2, rivals=2, last_rounds=4)
+SETTLE_UNINFORMED = Settling(finalists=40, mistaken=6, alike=20, stay=16, rounds=2, rivals=6, last_rounds=8)
+SETTLE_INFORMED = Settling(finalists=6, mistaken=0, alike=0, stay=4, rounds=2, rivals=2, last_rounds=4)
 
 
 def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, IterationReport]:
@@ -165,7 +166,7 @@ def _settled(
     finalists = finalists.taken(np.arange(min(effort.finalists, len(finalists.roots))))
     if effort.mistaken:
         first = finalists.taken(np.arange(min(effort.mistaken, len(finalists.roots))))
-        finalists = finalists.joined(look_alikes(rng, problem, first, plan, effort.finalists))
+        finalists = finalists.joined(look_alikes(rng, problem, first, plan, effort.alike))
     finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, 1)
     finalists = finalists.taken(np.argsort(-score, kind="stable")[: effort.stay])
     finalists = finalists.joined(_with_a_joint_elsewhere(rng, problem, finalists, plan, effort.stay))

@@ -82,9 +82,9 @@ def _sum_weighed(buffer: Any, stride: int, box: Any, packed: Any, patches: Any, 
         for k in range(np.int32(stride)):
             w = drawn[k]
             score = robust_pixel(words[k], _ONE / (w if w > _ZERO else _ONE), terms)
-            weight = weights[np.uint32(patch[k])]
-            left_of_it = min(score, score * weight)
-            row_total += left_of_it if w > _ZERO else _ZERO
+            # a reward is weighed, a cost stays whole: weights are 1 at most
+            kept = min(score, score * weights[np.uint32(patch[k])])
+            row_total += kept if w > _ZERO else _ZERO
         total += row_total
     return total
 

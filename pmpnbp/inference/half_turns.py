@@ -19,11 +19,10 @@ from pmpnbp.potentials.joint_projection import closest_axes
 from pmpnbp.scene.articulated_object import ArticulatedObject, Edge
 
 
-def half_turns(mrf: Mrf, roots: Array, joints: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Of each of H configurations (H, 7), (H, D) one for each of F triples of edges in a row: joint vectors (H, F, D),
-    and whether the first joint's range has room for half a turn (H, F)."""
+def half_turns(mrf: Mrf, part_poses: Array, joints: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Of each of H configurations, part poses (H, N, 7) and joint vectors (H, D), one for each of F triples of edges in
+    a row: joint vectors (H, F, D), and whether the first joint's range has room for half a turn (H, F)."""
     model = mrf.model
-    part_poses = model.part_poses(roots, joints)
     found, possible = [], []
     for first, second, third in _triples(model, mrf):
         coordinate = first.coordinates[0]
@@ -34,7 +33,8 @@ def half_turns(mrf: Mrf, roots: Array, joints: Array) -> tuple[Array, NDArray[np
         moved = poses.multiply(part_poses[:, first.parent], first.pose_parent_child(first.axis_positions(changed)))
         both = in_a_row(second, third)
         axes = closest_axes(both, poses.multiply(poses.inverse(moved), part_poses[:, third.child]))
-        changed[:, both.coordinates] = (axes - both.offset) / both.multiplier
+        coordinates, positions = both.joint_positions(axes)
+        changed[:, coordinates] = positions
         found.append(changed)
         possible.append(turned >= model.lower[coordinate])
     if not found:

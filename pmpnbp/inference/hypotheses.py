@@ -91,20 +91,18 @@ def walk(
             trials = [(np.arange(count), settled[:, None])]
         else:
             near = offspring & (rng.random(count) < CAUTION)
-            groups = np.flatnonzero(near), np.flatnonzero(~near)
             trials = [
-                (rows, _trials(rng, edge, settled[rows], mrf.radii[edge.child], plan, all_over=bool(group)))
-                for group, rows in enumerate(groups)
+                (rows, _trials(rng, edge, settled[rows], mrf.radii[edge.child], plan, all_over=all_over))
+                for rows, all_over in ((np.flatnonzero(near), False), (np.flatnonzero(~near), True))
             ]
-        moving = edge.multiplier != 0
         for rows, axes in trials:
             tried, score = _judged(problem, number, part_poses[rows, edge.parent], axes, plan.tolerance)
             pick = _picked(rng, score, rows % 2 == 1)
             pick[stays[rows]] = 0
             each = np.arange(len(rows))
             part_poses[rows, edge.child], unary[rows, edge.child] = tried[each, pick], score[each, pick]
-            position = (axes[each, pick] - edge.offset) / np.where(moving, edge.multiplier, 1)
-            joints[rows[:, None], edge.coordinates[moving]] = position[:, moving]
+            coordinates, positions = edge.joint_positions(axes[each, pick])
+            joints[rows[:, None], coordinates] = positions
     return Hypotheses(**vars(replace(proposals, joints=joints)), unary=unary, part_poses=part_poses)
 
 

@@ -84,7 +84,7 @@ def elsewhere(
             best = score.argmax(axis=1)
             found.append(tried[None, rows, best])
             scores.append(score[None, rows, best])
-    turned, possible = half_turns(mrf, roots, joints)
+    turned, possible = half_turns(mrf, part_poses, joints)
     score = np.full(possible.shape, -np.inf)
     which = np.nonzero(possible)
     score[which] = configuration_scores(problem, roots[which[0]], turned[which], plan.tolerance)

@@ -118,10 +118,8 @@ def assemble(mrf: Mrf, part_poses: Array, anchor: int) -> tuple[Array, Array]:
             axes = closest_axes(edge, poses.multiply(poses.inverse(parent), child))
             relative = edge.pose_parent_child(axes)
             placed[there] = poses.multiply(placed[here], relative if outward else poses.inverse(relative))
-            moving = edge.multiplier != 0
-            joints[:, edge.coordinates[moving]] = ((axes - edge.offset) / np.where(moving, edge.multiplier, 1))[
-                :, moving
-            ]
+            coordinates, positions = edge.joint_positions(axes)
+            joints[:, coordinates] = positions
         if len(later) == len(waiting):
             break
         waiting = later

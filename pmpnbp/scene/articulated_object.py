@@ -156,6 +156,12 @@ class Edge:
         """(..., K): how far each axis is moved when the object's joint vector is `joint_positions` (..., D)."""
         return self.multiplier * joint_positions[..., self.coordinates] + self.offset
 
+    def joint_positions(self, axis_positions: Array) -> tuple[NDArray[np.int64], Array]:
+        """What axis positions (..., K) say of the joint vector: the entries (M,) that move an axis, and their positions
+        (..., M)."""
+        moving = self.multiplier != 0
+        return self.coordinates[moving], (axis_positions - self.offset)[..., moving] / self.multiplier[moving]
+
     def pose_parent_child(self, axis_positions: Array) -> Array:
         """Poses (..., 7) of the child in the parent for axis positions (..., K)."""
         pose = np.broadcast_to(poses.IDENTITY, (*axis_positions.shape[:-1], 7))

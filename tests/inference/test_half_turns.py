@@ -42,7 +42,7 @@ def test_a_wrist_bent_the_other_way_leaves_the_hand_in_place(rng: np.random.Gene
         [rng.uniform(-1, 1, 8), rng.uniform(-3, 3, 8), rng.uniform(0.3, 1.5, 8), rng.uniform(-3, 3, 8)]
     )
     roots = np.tile(worlds.at(0.5, yaw=0.4), (8, 1))
-    found, possible = half_turns(mrf, roots, joints)
+    found, possible = half_turns(mrf, model.part_poses(roots, joints), joints)
     # the shoulder has no room for half a turn; the roll has
     assert found.shape == (8, 2, 4) and not possible[:, 0].any() and possible[:, 1].all()
     changed = found[:, 1]
@@ -58,13 +58,15 @@ def test_a_wrist_bent_the_other_way_leaves_the_hand_in_place(rng: np.random.Gene
 
 def test_a_joint_without_room_for_half_a_turn_is_said_to_have_none() -> None:
     model = arm(limit=1.5)
-    _, possible = half_turns(mrf_module.build(model), worlds.at()[None], np.array([[0.0, 0.2, 0.5, 0.1]]))
+    joints = np.array([[0.0, 0.2, 0.5, 0.1]])
+    _, possible = half_turns(mrf_module.build(model), model.part_poses(worlds.at()[None], joints), joints)
     assert not possible.any()
 
 
 def test_an_object_of_two_joints_has_no_three_in_a_row() -> None:
     model = worlds.cupboard()
-    found, possible = half_turns(mrf_module.build(model), worlds.at()[None], np.zeros((1, 2)))
+    joints = np.zeros((1, 2))
+    found, possible = half_turns(mrf_module.build(model), model.part_poses(worlds.at()[None], joints), joints)
     assert found.shape == (1, 0, 2) and possible.shape == (1, 0)
 
 
@@ -83,7 +85,7 @@ def test_the_sweep_comes_back_from_a_wrist_bent_the_other_way(monkeypatch: pytes
         model, worlds.seen(model, root, truth), UniformPrior("upright"), worlds.settings(), particles=40
     )
     plan = schedule(scene.settings, scene.search_iterations, scene.search_iterations)
-    wrong, _ = half_turns(scene.mrf, root[None], truth[None])
+    wrong, _ = half_turns(scene.mrf, model.part_poses(root[None], truth[None]), truth[None])
 
     def swept() -> np.ndarray:
         rng = np.random.default_rng(0)
@@ -92,5 +94,5 @@ def test_the_sweep_comes_back_from_a_wrist_bent_the_other_way(monkeypatch: pytes
     assert abs(wrong[0, 1, 2] - truth[2]) > 1.0
     np.testing.assert_allclose(swept(), truth, atol=0.15)
     none = np.zeros((1, 0, 4)), np.zeros((1, 0), dtype=bool)
-    monkeypatch.setattr(joint_sweep, "half_turns", lambda mrf, roots, joints: none)
+    monkeypatch.setattr(joint_sweep, "half_turns", lambda mrf, part_poses, joints: none)
     assert np.abs(swept() - truth).max() > 1.0

@@ -226,6 +226,14 @@ class JointEstimate(BaseModel):
     child: str = Field(description="the link it moves")
 
 
+class NuisanceEstimate(BaseModel):
+    """What sensor or model have wrong everywhere at once, as far as it was told: a share, metres or radians."""
+
+    value: float = Field(description="what it is taken for")
+    std: float = Field(description="standard deviation given the scan, by the curvature of the score")
+    prior_std: float = Field(description="standard deviation before the scan, about 0")
+
+
 class Estimate(BaseModel):
     """result.json, with the session it comes from."""
 
@@ -242,6 +250,9 @@ class Estimate(BaseModel):
     seconds: float = Field(description="wall time of the inference so far")
     links: dict[str, LinkEstimate] = Field(description="every link of the URDF, by name")
     joints: dict[str, JointEstimate] = Field(description="every moving joint, by name")
+    nuisances: dict[str, NuisanceEstimate] = Field(
+        description="depth_scale/VIEW, camera/VIEW/AXIS and size/PART, where the settings leave them free"
+    )
     truth: dict[str, Any] | None = Field(None, description="errors, where the truth is known: ADD in metres by part")
     session_id: str = Field(description="the session")
     state: State = Field(description="what the session was doing when it was asked")

@@ -87,6 +87,15 @@ class Settings:
     continued_reward: float = _setting(
         0.1, "", "share of a pixel's reward on a smooth surface that goes on where the object ends", paper=1.0, low=0
     )
+    depth_scale_std: float = _setting(
+        0.0, "", "a camera's depths are all too long by one share, 0 give or take this; 0: by none", low=0, high=0.2
+    )
+    camera_std: float = _setting(
+        0.0, "m", "further cameras are off by 0 give or take this, and turned as far; 0: by none", low=0, high=0.2
+    )
+    size_std: float = _setting(
+        0.0, "", "a part is larger than its model by a share, 0 give or take this; 0: by none", low=0, high=0.2
+    )
     unary_scale: float = _setting(1.0, "", "lambda_r of eq. 10 where weights are not tempered", low=0)
     effective_share: float = _setting(
         0.15, "", "share of particles that tempering keeps effective; 0 turns tempering off", paper=0.0, low=0

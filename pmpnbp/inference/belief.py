@@ -108,7 +108,8 @@ class Messages:
 class State:
     """What the next iteration needs, and nothing else; every part of it is recorded.
 
-    root, joints : the whole-object estimate so far, None before the first
+    root, joints : the whole-object estimate so far, None before the first; nuisances : (K,) what it takes these for,
+        see `potentials/nuisances.py`, or None
     """
 
     iteration: int
@@ -116,6 +117,7 @@ class State:
     messages: Messages | None = None
     root: Float[Array, " 7"] | None = None
     joints: Float[Array, " dof"] | None = None
+    nuisances: Float[Array, " nuisances"] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,6 +133,7 @@ class IterationReport:
     map_poses : the estimate of each part this iteration, the maximum of potential times prior; map_joints : None where
         the parts need not agree with a tree; map_score : whole-object log score
     seconds : wall time of the iteration
+    nuisances : (K,) what the estimate takes these for, see `potentials/nuisances.py`, or None
     """
 
     iteration: int
@@ -146,6 +149,7 @@ class IterationReport:
     map_score: float
     seconds: float
     notes: tuple[str, ...] = ()
+    nuisances: Float[Array, " nuisances"] | None = None
 
     @classmethod
     def of(
@@ -176,6 +180,7 @@ class IterationReport:
             map_joints=state.joints,
             map_score=map_score,
             seconds=seconds,
+            nuisances=state.nuisances,
         )
 
 

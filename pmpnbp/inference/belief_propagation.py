@@ -40,6 +40,7 @@ class Samples:
 def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, IterationReport]:
     """Iteration `state.iteration + 1`: messages (box 1), then beliefs (box 2), then the whole-object estimate."""
     began = time.perf_counter()
+    problem = problem.taking(state.nuisances)
     settings, mrf = problem.settings, problem.mrf
     number = state.iteration + 1
     plan = problem.schedule(number)
@@ -63,8 +64,8 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     combine = _product if shared else _pool
     belief, shares, kept = combine(problem, samples, own, unary, messages)
 
-    root, joints, map_poses, score = improve(rng, problem, state, belief, plan)
-    new = State(iteration=number, belief=belief, messages=kept, root=root, joints=joints)
+    root, joints, map_poses, score, nuisances = improve(rng, problem, state, belief, plan)
+    new = State(iteration=number, belief=belief, messages=kept, root=root, joints=joints, nuisances=nuisances)
     report = IterationReport.of(
         new,
         "refine" if refining else "belief propagation",

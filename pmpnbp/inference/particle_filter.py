@@ -30,11 +30,12 @@ from pmpnbp.settings import Schedule
 def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, IterationReport]:
     """Iteration `state.iteration + 1`: resample, diffuse, weigh, then the whole-object estimate."""
     began = time.perf_counter()
+    problem = problem.taking(state.nuisances)
     number = state.iteration + 1
     plan = problem.schedule(number)
     belief, inverse_temperature = _weighed(problem, *draw(rng, state, problem, plan), plan)
-    root, joints, map_poses, score = improve(rng, problem, state, belief, plan)
-    new = State(iteration=number, belief=belief, root=root, joints=joints)
+    root, joints, map_poses, score, nuisances = improve(rng, problem, state, belief, plan)
+    new = State(iteration=number, belief=belief, root=root, joints=joints, nuisances=nuisances)
     report = IterationReport.of(
         new,
         "particle filter",
@@ -75,7 +76,8 @@ def _weighed(
     on the log potential. The prior is not tempered."""
     settings, nodes = problem.settings, problem.mrf.nodes
     part_poses = problem.mrf.model.part_poses(roots, joints)
-    unary = object_scores(problem.observation, problem.surfaces, part_poses, problem.score(plan.tolerance))
+    score = problem.score(plan.tolerance)
+    unary = object_scores(problem.observation, problem.surfaces, part_poses, score, problem.nuisances)
     share = settings.effective_share
     inverse_temperature = float(lw.tempering(unary, share)) if share else settings.unary_scale
     total = problem.plus_prior(inverse_temperature * unary, part_poses[:, problem.prior_node])

@@ -11,11 +11,12 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import mrf as mrf_module
 from pmpnbp.inference.mrf import Mrf
+from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.surfaces import Surfaces, prepare_surfaces
 from pmpnbp.potentials.unary import PixelScore, Renderer, unary_scores
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.depth_noise import depth_noise
-from pmpnbp.scene.observation import Observation
+from pmpnbp.scene.observation import OBJECT, Observation, View
 from pmpnbp.scene.observe import without_longer_surfaces
 from pmpnbp.scene.patches import length
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
@@ -36,6 +37,9 @@ class Problem:
     joint_turns : (D,) whether a coordinate is an angle
     method : one of `settings.METHODS`
     noise : standard deviation of the scan's depths at the object, metres, see `scene/depth_noise.py`
+    nuisance_std : (K,) prior standard deviations of the nuisances, see `potentials/nuisances.py`; 0 is fixed
+    nuisance_levers : (K,) metres that the object's surface moves for one unit of each
+    nuisances : (K,) what they are taken for; None where all are fixed
     """
 
     mrf: Mrf
@@ -51,6 +55,9 @@ class Problem:
     joint_turns: NDArray[np.bool_]
     method: str
     noise: float
+    nuisance_std: Array
+    nuisance_levers: Array
+    nuisances: Array | None
 
     @property
     def any_orientation(self) -> bool:
@@ -108,7 +115,19 @@ class Problem:
             self.score(tolerance),
             renderer=renderer,
             points=points or self.settings.splat_points,
+            nuisances=self.nuisances,
         )
+
+    def taking(self, nuisances: Array | None) -> Problem:
+        """The same with nuisances (K,) taken for these, where some were estimated, and in as many views."""
+        known = nuisances is not None and nuisances.shape == self.nuisance_std.shape and self.nuisances is not None
+        return replace(self, nuisances=nuisances) if known else self
+
+    def log_nuisance_prior(self, nuisances: Array) -> Array:
+        """log density, up to a constant, of nuisances (..., K)."""
+        free = self.nuisance_std > 0
+        deviates = nuisances[..., free] / self.nuisance_std[free]
+        return -0.5 * np.einsum("...k,...k", deviates, deviates)
 
     def log_prior(self, part_poses: Array) -> Array:
         """log density, up to a constant, of the gaussian prior at poses (..., 7) of `prior_node`."""
@@ -153,8 +172,11 @@ def build(
         turns[edge.coordinates] |= edge.revolute
     if settings.continued_reward < 1.0:
         observation = without_longer_surfaces(observation, LONGER * _length(model))
+    mrf, views = mrf_module.build(model), observation.views
+    levers = nuisances.levers(np.array([_distance(view) for view in views]), mrf.radii)
+    nuisance_std = nuisances.prior_stds(settings, levers, len(views))
     return Problem(
-        mrf=mrf_module.build(model),
+        mrf=mrf,
         observation=observation,
         surfaces=prepare_surfaces(model, points=max(settings.splat_points, 64)),
         prior=prior,
@@ -166,8 +188,17 @@ def build(
         joint_prior=known,
         joint_turns=turns,
         method=method,
-        noise=max(map(depth_noise, observation.views), default=0.0),
+        noise=max(map(depth_noise, views), default=0.0),
+        nuisance_std=nuisance_std,
+        nuisance_levers=levers,
+        nuisances=np.zeros(len(levers)) if nuisance_std.any() else None,
     )
+
+
+def _distance(view: View) -> float:
+    """Metres along the camera's axis to what may be the object, in the median."""
+    depth = view.depth[(view.category == OBJECT) & (view.depth > 0)]
+    return float(np.median(depth)) if len(depth) else 1.0
 
 
 def _length(model: ArticulatedObject) -> float:

@@ -11,6 +11,7 @@ The derivatives are differences of renders: joints of any kind, and parts that h
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
@@ -25,6 +26,7 @@ from pmpnbp.settings import Schedule
 PROBE = 0.0005
 # A depth that changes by more than this many probes is another surface coming into view, and no derivative.
 STEEPEST = 8.0
+NO_NUISANCES = np.zeros(0, dtype=np.int64)
 # Pixels take part whose residual is within so many times the tolerance: near it, and to be drawn in from farther away.
 NEAR, FAR = 1.0, 3.0
 # Standard deviations of the draws, in those of the least squares.
@@ -58,27 +60,44 @@ def register(
     return moved(problem, roots, joints, np.concatenate([steps, draws], axis=1))
 
 
-def curvature(problem: Problem, root: Array, joints: Array, tolerance: float) -> Array:
-    """(6 + D, 6 + D): the whole-object score falls by x C x with a small move x: the root's translation, metres, and
-    rotation vector about its centre, and joints. Only depths that move count, outlines do not."""
-    information, _ = linearised(problem, root[None], joints[None], tolerance, np.array([NEAR]))
+def curvature(
+    problem: Problem, root: Array, joints: Array, tolerance: float, free: NDArray[np.int64] = NO_NUISANCES
+) -> Array:
+    """(6 + D + F, 6 + D + F): the whole-object score falls by x C x with a small move x: the root's translation,
+    metres, and rotation vector about its centre, joints, and the nuisances numbered `free` (F,). Only depths that move
+    count, outlines do not."""
+    information, _ = linearised(problem, root[None], joints[None], tolerance, np.array([NEAR]), free=free)
     found: Array = information[0, 0]
     return found
 
 
-def linearised(problem: Problem, roots: Array, joints: Array, tolerance: float, gates: Array) -> tuple[Array, Array]:
-    """Of configurations (H, 7), (H, D): information (H, G, 6 + D, 6 + D) and gradient (H, G, 6 + D) of the depth
-    residuals smaller than each of `gates` (G,) tolerances, in squares of the tolerance.
+def linearised(
+    problem: Problem,
+    roots: Array,
+    joints: Array,
+    tolerance: float,
+    gates: Array,
+    *,
+    free: NDArray[np.int64] = NO_NUISANCES,
+) -> tuple[Array, Array]:
+    """Of configurations (H, 7), (H, D): information (H, G, P, P) and gradient (H, G, P) of the depth residuals smaller
+    than each of `gates` (G,) tolerances, in squares of the tolerance; P = 6 + D + F parameters, the last of them the
+    nuisances numbered `free` (F,).
 
     A joint at its limit cannot be moved across it and is probed the other way.
     """
     model = problem.mrf.model
-    steps = probes(problem)
-    blocked = ~model.wraps & (joints + steps[6:] > model.upper)
+    placing = 6 + model.dof
+    steps = np.concatenate([probes(problem), PROBE / problem.nuisance_levers[free]])
+    blocked = ~model.wraps & (joints + steps[6:placing] > model.upper)
     signed = np.tile(steps, (len(roots), 1))
-    signed[:, 6:][blocked] *= -1.0
+    signed[:, 6:placing][blocked] *= -1.0
     moves = signed[:, None] * np.concatenate([np.zeros((1, len(steps))), np.eye(len(steps))])
-    part_poses = model.part_poses(*moved(problem, roots, joints, moves))
+    part_poses = model.part_poses(*moved(problem, roots, joints, moves[..., :placing]))
+    nuisances = problem.nuisances
+    if nuisances is not None:
+        nuisances = np.tile(nuisances, (1 + len(steps), 1))
+        nuisances[:, free] += moves[0, :, placing:]
     return normal_equations(
         problem.observation,
         problem.surfaces,
@@ -87,6 +106,7 @@ def linearised(problem: Problem, roots: Array, joints: Array, tolerance: float, 
         problem.score(tolerance),
         gates * tolerance,
         STEEPEST * PROBE,
+        nuisances,
     )
 
 

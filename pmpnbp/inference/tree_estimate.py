@@ -14,6 +14,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import Belief, State
 from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.mrf import LEAST_LEVER, Mrf
+from pmpnbp.inference.nuisance_fit import fitted
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import register
 from pmpnbp.potentials.joint_projection import LENGTH_PER_RADIAN, closest_axes
@@ -36,8 +37,9 @@ NEAR = 3
 
 def improve(
     rng: np.random.Generator, problem: Problem, state: State, belief: Belief, plan: Schedule
-) -> tuple[Array | None, Array | None, Array, float]:
-    """Root pose (7,), joint vector (D,), part poses (N, 7) and whole-object log score.
+) -> tuple[Array | None, Array | None, Array, float, Array | None]:
+    """Root pose (7,), joint vector (D,), part poses (N, 7), whole-object log score, and nuisances (K,) where some are
+    free.
 
     Without the setting `object_estimate` (the paper): the best particle of each part, which need not agree
     with a tree, and no score (NaN); where particles are whole objects, the best of these.
@@ -47,9 +49,10 @@ def improve(
     best_poses = belief.poses[np.arange(len(best)), best]
     if not problem.settings.object_estimate:
         if belief.joint_positions is None:
-            return None, None, best_poses, float("nan")
+            return None, None, best_poses, float("nan"), None
         root, q = best_poses[0], belief.joint_positions[best[0]]
-        return root, q, best_poses, float(configuration_scores(problem, root[None], q[None], plan.tolerance)[0])
+        score = float(configuration_scores(problem, root[None], q[None], plan.tolerance)[0])
+        return root, q, best_poses, score, None
     means = np.stack([_local_mean(belief, node, int(best[node]), plan) for node in range(problem.mrf.nodes)])
     both = np.stack([best_poses, means])
     anchors = rng.permutation(len(best))[:ANCHORS]
@@ -58,8 +61,11 @@ def improve(
     if state.root is not None and state.joints is not None:
         roots, joints = np.concatenate([roots, state.root[None]]), np.concatenate([joints, state.joints[None]])
     top = configuration_scores(problem, roots, joints, plan.tolerance).argmax()
-    roots, joints, score = polish(rng, problem, roots[[top]], joints[[top]], plan, plan.tolerance, rounds=2)
-    return roots[0], joints[0], model.part_poses(roots[0], joints[0]), float(score[0])
+    roots, joints, scores = polish(rng, problem, roots[[top]], joints[[top]], plan, plan.tolerance, rounds=2)
+    root, q, score, nuisances = roots[0], joints[0], float(scores[0]), None
+    if problem.nuisances is not None:
+        root, q, nuisances, score = fitted(rng, problem, root, q, plan, plan.tolerance)
+    return root, q, model.part_poses(root, q), score, nuisances
 
 
 def polish(
@@ -93,7 +99,8 @@ def polish(
 def configuration_scores(problem: Problem, roots: Array, joints: Array, tolerance: float) -> Array:
     """Whole-object log scores (C,) of root poses (C, 7) and joint vectors (C, D), the prior included."""
     part_poses = problem.mrf.model.part_poses(roots, joints)
-    score = object_scores(problem.observation, problem.surfaces, part_poses, problem.score(tolerance))
+    pixel_score = problem.score(tolerance)
+    score = object_scores(problem.observation, problem.surfaces, part_poses, pixel_score, problem.nuisances)
     return problem.plus_prior(score, part_poses[:, problem.prior_node])
 
 

@@ -20,6 +20,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.potentials.kernels import normal_equations as equations
 from pmpnbp.potentials.kernels import rasterised_scores, rasteriser, splatting
 from pmpnbp.potentials.kernels.pixel_scores import pack_patches, pack_view
+from pmpnbp.potentials.nuisances import apparent
 from pmpnbp.potentials.pixel_kinds import in_front
 from pmpnbp.potentials.surfaces import Surfaces
 from pmpnbp.scene.observation import Observation, View
@@ -69,12 +70,14 @@ def unary_scores(
     *,
     renderer: Renderer = "splats",
     points: int = 256,
+    nuisances: Array | None = None,
 ) -> Array:
     """Scores (B,) float64 of part poses, each rendered alone: the sum over views and covered pixels, in pixels
     (robust) or pixels times metres (distance).
 
     part : (B,) numbers of parts; poses_world_part : (B, 7)
     renderer : "splats" (fast, approximate) or "rasteriser"; points : splats per part, at most those prepared
+    nuisances : (K,), see `potentials/nuisances.py`; None where there are none
     A part without geometry scores 0. Raises ValueError where a pose is not finite.
     """
     parts = np.ascontiguousarray(part, dtype=np.int32)
@@ -84,24 +87,33 @@ def unary_scores(
     out = np.zeros(len(parts))
     terms, robust = score.terms, score.form == "robust"
     used = min(points, surfaces.points.shape[-1])
-    for view in observation.views:
+    for number, view in enumerate(observation.views):
+        seen = _apparent(observation, surfaces, number, pose, parts, nuisances)
         if renderer == "splats":
-            splatting.add_scores(_image(view), surfaces.splats, parts, pose, terms, robust, used, out)
+            splatting.add_scores(_image(view), surfaces.splats, parts, seen, terms, robust, used, out)
         elif renderer == "rasteriser":
-            rasterised_scores.add_part_scores(_image(view), surfaces.mesh, parts, pose, terms, robust, out)
+            rasterised_scores.add_part_scores(_image(view), surfaces.mesh, parts, seen, terms, robust, out)
         else:
             raise ValueError(f"renderer is {renderer!r}; 'splats' or 'rasteriser' is expected")
     return out
 
 
-def object_scores(observation: Observation, surfaces: Surfaces, poses_world_part: Array, score: PixelScore) -> Array:
-    """Scores (B,) of whole objects, all parts drawn into one z-buffer. poses_world_part : (B, N, 7). Units as
-    `unary_scores`."""
-    pose = _checked(poses_world_part, (len(poses_world_part), len(surfaces.centres), 7))
+def object_scores(
+    observation: Observation,
+    surfaces: Surfaces,
+    poses_world_part: Array,
+    score: PixelScore,
+    nuisances: Array | None = None,
+) -> Array:
+    """Scores (B,) of whole objects, all parts drawn into one z-buffer. poses_world_part : (B, N, 7); nuisances : (K,)
+    or (B, K), see `potentials/nuisances.py`, or None. Units as `unary_scores`."""
+    nodes = len(surfaces.centres)
+    pose = _checked(poses_world_part, (len(poses_world_part), nodes, 7))
     out = np.zeros(len(pose))
-    for view in observation.views:
-        robust = score.form == "robust"
-        rasterised_scores.add_object_scores(_image(view), surfaces.mesh, pose, score.terms, robust, out)
+    robust = score.form == "robust"
+    for number, view in enumerate(observation.views):
+        seen = _apparent(observation, surfaces, number, pose, np.arange(nodes), nuisances)
+        rasterised_scores.add_object_scores(_image(view), surfaces.mesh, seen, score.terms, robust, out)
     return out
 
 
@@ -113,21 +125,25 @@ def normal_equations(
     score: PixelScore,
     gates: Array,
     steepest: float,
+    nuisances: Array | None = None,
 ) -> tuple[Array, Array]:
     """Least squares of the depth residuals of H whole objects in P parameters: information (H, G, P, P) and gradient
     (H, G, P), in squares of the score's tolerance, from the pixels whose residual is below each of `gates` (G,) metres.
 
     poses_world_part : (H, 1 + P, N, 7), as it is and with each parameter moved by its probe; probes : (H, P)
+    nuisances : (K,) or (H, 1 + P, K), see `potentials/nuisances.py`, or None
     steepest : metres: a pixel whose depth changes by more shows another surface, and has no slope
     A pixel weighs the most that it can add to the object's score.
     """
     count, moved = poses_world_part.shape[:2]
     shape = count, len(gates), moved - 1
-    pose = _checked(poses_world_part, (count, moved, len(surfaces.centres), 7))
+    nodes = len(surfaces.centres)
+    pose = _checked(poses_world_part, (count, moved, nodes, 7))
     information, gradient = np.zeros((*shape, moved - 1)), np.zeros(shape)
-    for view in observation.views:
+    for number, view in enumerate(observation.views):
+        seen = _apparent(observation, surfaces, number, pose, np.arange(nodes), nuisances)
         equations.add_normal_equations(
-            _image(view), surfaces.mesh, pose, probes, score.terms, gates, steepest, information, gradient
+            _image(view), surfaces.mesh, seen, probes, score.terms, gates, steepest, information, gradient
         )
     return information / score.tolerance**2, gradient / score.tolerance**2
 
@@ -148,23 +164,31 @@ def render_part(camera: Camera, surfaces: Surfaces, part: int, pose_world_part: 
     return rasteriser.part_depth(part, pose, _view(camera), surfaces.mesh)
 
 
-def visible_fractions(observation: Observation, surfaces: Surfaces, poses_world_part: Array, tolerance: float) -> Array:
+def visible_fractions(
+    observation: Observation,
+    surfaces: Surfaces,
+    poses_world_part: Array,
+    tolerance: float,
+    nuisances: Array | None = None,
+) -> Array:
     """Fractions (N,), 0 to 1: of the pixels that each part would cover alone, those in which it is in front of all
     other parts and the observation is not more than `tolerance` metres in front of it; the largest over the views.
+    nuisances : (K,), see `potentials/nuisances.py`, or None
 
     Pixels beyond the image do not count; a part that covers no pixel has 0.
     """
     pose = _checked(poses_world_part, (len(surfaces.centres), 7))
     fractions = np.zeros(len(pose))
-    for view in observation.views:
-        depth, number = render(view.camera, surfaces, pose)
+    for place, view in enumerate(observation.views):
+        seen = _apparent(observation, surfaces, place, pose, np.arange(len(pose)), nuisances)
+        depth, number = render(view.camera, surfaces, seen)
         hidden = in_front(view.depth, depth, tolerance)
         for node in range(len(pose)):
-            alone = render_part(view.camera, surfaces, node, pose[node])
+            alone = render_part(view.camera, surfaces, node, seen[node])
             covered = np.count_nonzero(alone)
             if covered:
-                seen = np.count_nonzero((number == node) & ~hidden)
-                fractions[node] = max(fractions[node], seen / covered)
+                not_hidden = np.count_nonzero((number == node) & ~hidden)
+                fractions[node] = max(fractions[node], not_hidden / covered)
     return fractions
 
 
@@ -181,6 +205,22 @@ def explained_share(observation: Observation, surfaces: Surfaces, poses_world_pa
         explained += float(np.maximum(0.0, 1.0 - (compared / tolerance) ** 2).sum())
         counted += len(compared)
     return explained / max(counted, 1)
+
+
+def _apparent(
+    observation: Observation,
+    surfaces: Surfaces,
+    number: int,
+    pose: Array,
+    parts: NDArray[np.integer],
+    nuisances: Array | None,
+) -> Array:
+    """Poses (..., P, 7) of parts as view `number` has them."""
+    if nuisances is None:
+        return pose
+    camera, views = observation.views[number].camera.pose_world_camera, len(observation.views)
+    seen = apparent(nuisances, number, views, np.asarray(camera, dtype=np.float64), pose, parts, surfaces.centres)
+    return np.ascontiguousarray(np.broadcast_to(seen, pose.shape))
 
 
 def _checked(pose: Array, shape: tuple[int, ...]) -> Array:

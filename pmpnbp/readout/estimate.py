@@ -6,7 +6,7 @@ though the inference knows parts only: a part's particles are carried to each of
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,9 +18,10 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import assemble, configuration_scores
+from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import visible_fractions
 from pmpnbp.readout import particle_statistics
-from pmpnbp.readout.metrics import add, add_s, model_points
+from pmpnbp.readout.object_posterior import nuisance_stds
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 from pmpnbp.settings import SessionOptions
 
@@ -104,6 +105,17 @@ class JointEstimate:
 
 
 @dataclass(frozen=True)
+class NuisanceEstimate:
+    """What one nuisance is taken for, see `potentials/nuisances.py`: its value and standard deviation given the scan,
+    and that of its prior about 0; shares, metres or radians."""
+
+    name: str
+    value: float
+    std: float
+    prior_std: float
+
+
+@dataclass(frozen=True)
 class Estimate:
     """What an iteration says about the object.
 
@@ -123,6 +135,7 @@ class Estimate:
     joint_positions: Array
     links: tuple[LinkEstimate, ...]
     joints: tuple[JointEstimate, ...]
+    nuisances: tuple[NuisanceEstimate, ...] = ()
 
     def link_certain(self, link: LinkEstimate) -> bool:
         """Whether every element of the link's `std_xyz` is at most `max_std`."""
@@ -167,10 +180,11 @@ def estimate(
     placed : what `place` gave, where it is there already
     max_std : metres, up to which a link is certain; seconds : wall time of the inference so far
     """
+    problem = problem.taking(report.nuisances)
     model, belief, observation = problem.mrf.model, report.belief, problem.observation
     placed = placed or place(problem, report)
     part_poses = placed.part_poses
-    fractions = visible_fractions(observation, problem.surfaces, part_poses, VISIBLE_TOLERANCE)
+    fractions = visible_fractions(observation, problem.surfaces, part_poses, VISIBLE_TOLERANCE, problem.nuisances)
     likelihoods = problem.unary(
         np.arange(len(part_poses), dtype=np.int32), part_poses, problem.tolerance_end, "rasteriser"
     )
@@ -215,6 +229,18 @@ def estimate(
         placed.joint_positions,
         tuple(links),
         moving,
+        _nuisance_estimates(problem, part_poses[0], placed.joint_positions),
+    )
+
+
+def _nuisance_estimates(problem: Problem, root: Array, joints: Array) -> tuple[NuisanceEstimate, ...]:
+    if problem.nuisances is None:
+        return ()
+    names = nuisances.names(len(problem.observation.views), [part.name for part in problem.mrf.model.parts])
+    stds = nuisance_stds(problem, root, joints)
+    return tuple(
+        NuisanceEstimate(names[k], float(problem.nuisances[k]), float(stds[k]), float(problem.nuisance_std[k]))
+        for k in np.flatnonzero(problem.nuisance_std)
     )
 
 
@@ -294,6 +320,10 @@ def to_result(found: Estimate, truth: Mapping[str, Any] | None = None) -> dict[s
         **{name: getattr(found, name) for name in OF_RUN},
         "links": links,
         "joints": joints,
+        "nuisances": {
+            entry.name: {"value": entry.value, "std": entry.std, "prior_std": entry.prior_std}
+            for entry in found.nuisances
+        },
     }
     return result if truth is None else result | {"truth": dict(truth)}
 
@@ -302,46 +332,6 @@ def pose_members(pose: Array) -> dict[str, dict[str, float]]:
     """A pose (7,) as JSON has it; the scalar part of its quaternion is not negative, so that equal poses look equal."""
     x, y, z, qw, qx, qy, qz = (pose if pose[3] >= 0 else np.concatenate([pose[:3], -pose[3:]])).tolist()
     return {"position": {"x": x, "y": y, "z": z}, "orientation": {"x": qx, "y": qy, "z": qz, "w": qw}}
-
-
-def errors(
-    model: ArticulatedObject, found: Estimate, true_links: Mapping[str, Array], true_joints: Mapping[str, float]
-) -> dict[str, Any]:
-    """How far the estimate is from the truth: ADD and ADD-S (metres) of each visible part whose link poses (7,) are in
-    `true_links`, and for the joints in `true_joints` estimate minus truth, metres or radians."""
-    parts: dict[str, dict[str, float]] = {}
-    for index, truth in _true_parts(model, true_links):
-        points, at = model_points(model.parts[index].mesh), found.part_poses[index]
-        parts[model.parts[index].name] = {"add": add(points, at, truth), "add_s": add_s(points, at, truth)}
-    return {"parts": parts, "joints": _joint_errors(found, true_joints)}
-
-
-def part_adds(model: ArticulatedObject, part_poses: Array, true_links: Mapping[str, Array]) -> dict[str, float]:
-    """ADD (metres) of part poses (N, 7): of those parts that `errors` judges, by name."""
-    return {
-        model.parts[index].name: add(model_points(model.parts[index].mesh), part_poses[index], truth)
-        for index, truth in _true_parts(model, true_links)
-    }
-
-
-def _true_parts(model: ArticulatedObject, true_links: Mapping[str, Array]) -> Iterator[tuple[int, Array]]:
-    """Each visible part of which the truth names a link, by index, and its pose (7,) in world."""
-    for index, part in enumerate(model.parts):
-        known = next((link for link in part.links if link in true_links), None)
-        if known is not None and part.visible:
-            pose_part_link = part.poses_part_link[part.links.index(known)]
-            yield index, poses.multiply(true_links[known], poses.inverse(pose_part_link))
-
-
-def _joint_errors(found: Estimate, true_joints: Mapping[str, float]) -> dict[str, float]:
-    differences = {}
-    for entry in found.joints:
-        if len(entry.position) == 1 and entry.joint.name in true_joints:
-            difference = float(entry.position[0]) - true_joints[entry.joint.name]
-            if entry.joint.kind == "continuous":
-                difference -= 2 * np.pi * round(difference / (2 * np.pi))
-            differences[entry.joint.name] = difference
-    return differences
 
 
 def number_or_list(values: Array) -> float | list[float]:

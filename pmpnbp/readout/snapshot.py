@@ -14,7 +14,9 @@ from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout import estimate as readout
-from pmpnbp.readout.estimate import Placement, part_adds, place
+from pmpnbp.readout.estimate import Placement, place
+from pmpnbp.readout.truth_errors import errors as truth_errors
+from pmpnbp.readout.truth_errors import part_adds
 
 Row = dict[str, Any]
 
@@ -58,7 +60,7 @@ class Snapshot:
             seconds=round(self.row["elapsed"], 3),
         )
         model, truth = self.problem.mrf.model, self.criteria.truth
-        errors = None if truth is None else readout.errors(model, estimate, truth["links"], truth["joints"])
+        errors = None if truth is None else truth_errors(model, estimate, truth["links"], truth["joints"])
         return readout.to_result(estimate, errors)
 
     @cached_property

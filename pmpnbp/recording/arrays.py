@@ -26,7 +26,10 @@ _OF_REPORT = {
     "effective_sample_size": "effective_sample_size",
     "mle": "map_poses",
     "mle_joints": "map_joints",
+    "nuisances": "nuisances",
 }
+# Those that a report may be without: the paper's estimate has no joints.
+_OPTIONAL = {"mle_joints", "nuisances"}
 
 
 def to_arrays(report: IterationReport, state: State) -> Arrays:
@@ -39,7 +42,7 @@ def to_arrays(report: IterationReport, state: State) -> Arrays:
         if name.startswith(("belief.", "messages.")) and not _same(found.get(name), kept.get(name)):
             # an empty array where the state has none: it does not keep what the report tells
             found[f"state.{name}"] = kept.get(name, np.zeros(0, dtype=np.bool_))
-    for name in ("root", "joints"):
+    for name in ("root", "joints", "nuisances"):
         if getattr(state, name) is not None:
             found[f"state.{name}"] = getattr(state, name)
     if report.messages is not None:
@@ -73,13 +76,13 @@ def incoming_messages(receiver: NDArray[np.integer], nodes: int) -> list[list[in
 def to_report(number: int, scalars: Mapping[str, Any], arrays: Arrays) -> IterationReport:
     """The report of iteration `number` from the row of `iterations` and its arrays."""
     found = _completed(arrays)
-    own = {member: _frozen(found[name]) for name, member in _OF_REPORT.items() if name != "mle_joints"}
+    own: dict[str, Any] = {member: _frozen(found[name]) for name, member in _OF_REPORT.items() if name not in _OPTIONAL}
+    own |= {_OF_REPORT[name]: found.get(name) for name in _OPTIONAL}
     return IterationReport(
         iteration=number,
         stage=scalars["stage"],
         belief=_belief(found, ""),
         messages=_messages(found, ""),
-        map_joints=found.get("mle_joints"),  # the paper's estimate has none
         map_score=float("nan") if scalars["mle_score"] is None else scalars["mle_score"],
         tolerance=scalars["tolerance"],
         seconds=scalars["seconds"],
@@ -97,6 +100,7 @@ def to_state(number: int, arrays: Arrays) -> State:
         messages=_messages(found, "state."),
         root=found.get("state.root"),
         joints=found.get("state.joints"),
+        nuisances=found.get("state.nuisances"),
     )
 
 

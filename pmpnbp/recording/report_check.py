@@ -42,6 +42,7 @@ def _fits(problem: Problem, report: IterationReport) -> bool:
         *(_numbers(array, (nodes,)) for array in (report.inverse_temperature, report.effective_sample_size)),
         _poses(report.map_poses, (nodes, 7)),
         report.map_joints is None or _finite(report.map_joints, (dof,)),
+        report.nuisances is None or _small(report.nuisances, problem.nuisance_std.shape),
     ]
     if not all(sound):
         return False
@@ -85,6 +86,11 @@ def _whole(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
 
 def _finite(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
     return _numbers(array, shape) and bool(np.isfinite(array).all())
+
+
+def _small(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
+    """Whether these are nuisances under which something can be drawn: scales stay above zero."""
+    return _finite(array, shape) and bool(np.all(np.abs(array) < 1))
 
 
 def _poses(array: NDArray[Any], shape: tuple[int, ...]) -> bool:

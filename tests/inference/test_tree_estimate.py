@@ -158,7 +158,7 @@ def test_the_estimate_agrees_with_the_tree_and_keeps_the_best_it_had(
     plan = schedule(scene.settings, 18)
     lost = scattered_state(rng, scene)  # a belief that knows nothing, and an estimate that is right
     state = replace(lost, root=root, joints=joints)
-    found_root, found_joints, mle, score = improve(rng, scene, state, state.belief, plan)
+    found_root, found_joints, mle, score, _ = improve(rng, scene, state, state.belief, plan)
     assert found_root is not None and found_joints is not None
     np.testing.assert_allclose(mle, model.part_poses(found_root, found_joints), atol=1e-12)
     assert score >= configuration_scores(scene, root[None], joints[None], plan.tolerance)[0]

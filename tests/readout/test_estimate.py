@@ -15,6 +15,7 @@ from pmpnbp.inference.belief import START, Belief, IterationReport, Origin, Stat
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout import estimate as readout
 from pmpnbp.readout import particle_statistics
+from pmpnbp.readout.truth_errors import errors as truth_errors
 from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
@@ -279,7 +280,7 @@ def test_errors_are_those_of_the_part_seen_through_any_of_its_links(problem: Pro
     found = readout.estimate(problem, report)
     truth = {link.name: link.pose + np.r_[0.01, 0, 0, 0, 0, 0, 0] for link in found.links if link.name != "lid"}
     spun = float(joints[problem.mrf.model.coordinate_names.index("last")]) - 2 * np.pi - 0.1
-    errors = readout.errors(problem.mrf.model, found, truth, {"last": spun})
+    errors = truth_errors(problem.mrf.model, found, truth, {"last": spun})
     assert set(errors["parts"]) == {"body", "lid", "flap", "plate"}
     assert [entry["add"] for entry in errors["parts"].values()] == pytest.approx([0.01] * 4)
     assert errors["joints"] == {"last": pytest.approx(0.1)}

@@ -18,23 +18,26 @@ _ONE, _NEAR, _FAR = np.float32(1), np.float32(NEAR), np.float32(1e9)
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def rotation_rows(w: float, x: float, y: float, z: float) -> Any:
-    """The nine elements, row by row, of the rotation matrix of a unit quaternion."""
+    """The nine elements, row by row, of the rotation matrix of a quaternion, times its squared length."""
     return (
-        1.0 - 2.0 * (y * y + z * z),
+        w * w + x * x - y * y - z * z,
         2.0 * (x * y - w * z),
         2.0 * (x * z + w * y),
         2.0 * (x * y + w * z),
-        1.0 - 2.0 * (x * x + z * z),
+        w * w - x * x + y * y - z * z,
         2.0 * (y * z - w * x),
         2.0 * (x * z - w * y),
         2.0 * (y * z + w * x),
-        1.0 - 2.0 * (x * x + y * y),
+        w * w - x * x - y * y + z * z,
     )
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def pose_in_camera(pose_camera_world: Any, pose_world_part: Any) -> Any:
-    """Rotation (nine elements, row by row) and translation (three) of pose_camera_part, from two poses (7,)."""
+    """Rotation (nine elements, row by row) and translation (three) of pose_camera_part, from two poses (7,).
+
+    The part's may be a similarity: its quaternion's squared length is a scale of its surface.
+    """
     px, py, pz, aw, ax, ay, az = pose_camera_world
     x, y, z, bw, bx, by, bz = pose_world_part
     r = rotation_rows(

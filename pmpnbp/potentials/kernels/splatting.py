@@ -96,6 +96,8 @@ def _add_range(
                 total = _sum_points(points[node, cell], used, single(m), lens32, pixels, size, terms32, True)
             else:
                 total = _sum_points(points[node, cell], used, single(m), lens32, pixels, size, terms32, False)
+            # a surface that a similarity enlarges covers as much more
+            area *= m[0] * m[0] + m[3] * m[3] + m[6] * m[6]
             out[i] += float(total) * area * lens[0] * lens[1] / used
 
 

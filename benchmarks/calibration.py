@@ -63,7 +63,7 @@ def _run(
             break
     root, joints = agreeing(made.problem, made.report)
     rng = np.random.default_rng([seed, made.report.iteration])
-    drawn = std_xyz(link_covariances(rng, made.problem, root, joints))
+    drawn = std_xyz(link_covariances(rng, made.problem.taking(made.report.nuisances), root, joints))
     spread = place(made.problem, made.report).std_xyz
     errors = case.model.part_poses(root, joints)[:, :3] - case.true_poses[:, :3]
     return Run(kind, errors, (drawn[case.first_links], spread[case.first_links]))

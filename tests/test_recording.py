@@ -96,6 +96,7 @@ def path(uniform: tuple[Inputs, Any, Iterations], tmp_path_factory: pytest.TempP
         ("uniform", {"preset": "paper"}),
         ("uniform", {"preset": "paper", "messages_keep_unary": False, "search_iterations": 2}),
         ("gaussian", {"belief_product": "pooled"}),
+        ("gaussian", {"depth_scale_std": 0.01, "camera_std": 0.01, "size_std": 0.01}),
     ],
 )
 def test_any_iteration_can_be_done_again_from_the_file_alone(prior: str, changes: dict, tmp_path: Path) -> None:

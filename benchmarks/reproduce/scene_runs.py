@@ -115,7 +115,8 @@ def perform(asked: Asked) -> Result:
     more = {}
     if asked.get("posterior", False):
         rng = np.random.default_rng([asked["seed"], report.iteration])
-        drawn = link_covariances(rng, made.problem, *agreeing(made.problem, report))
+        taken = made.problem.taking(report.nuisances)
+        drawn = link_covariances(rng, taken, *agreeing(taken, report))
         more["posterior"] = {
             "std": np.round(_std(case, std_xyz(drawn)), 6).tolist(),
             "covariances": _positions(case, drawn).tolist(),

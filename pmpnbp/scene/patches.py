@@ -20,6 +20,10 @@ REACH = 2
 BEND, BEND_GROWTH = 0.004, 0.003
 # Pixels of the smallest patch that is told apart.
 FEWEST = 30
+# Pixels that a plane patch grows by at most: twice what a second difference of smoothed depths loses of it.
+GROWTH = 6
+# The share of a patch's pixels that are as near to one plane as a surface is smooth, if it is plane.
+PLANE = 0.9
 
 
 def smooth_patches(depth: NDArray[np.float32]) -> NDArray[np.int16]:
@@ -27,7 +31,8 @@ def smooth_patches(depth: NDArray[np.float32]) -> NDArray[np.int16]:
     0 where the surface steps, bends or was not measured, or the patch is small."""
     measured = depth > 0
     # pixels average over their neighbours first: a third of the noise, and steps stay
-    sums = ndimage.uniform_filter(np.where(measured, 1.0 / np.where(measured, depth, 1.0), 0.0), 3)
+    depth_or_one = np.where(measured, depth, 1.0)
+    sums = ndimage.uniform_filter(np.where(measured, 1.0 / depth_or_one, 0.0), 3)
     inverse = np.where(measured, sums / np.maximum(ndimage.uniform_filter(measured.astype(float), 3), 1e-3), np.nan)
     limit = BEND + BEND_GROWTH * depth
     # where anything is not measured the comparison is False
@@ -38,7 +43,29 @@ def smooth_patches(depth: NDArray[np.float32]) -> NDArray[np.int16]:
     large = np.bincount(labels.ravel(), minlength=count + 1) >= FEWEST
     large[0] = False
     patches: NDArray[np.int16] = np.where(large, np.cumsum(large), 0).astype(np.int16)[labels]
-    return patches
+    return _grown(patches, np.where(measured, 1.0 / depth_or_one, np.nan), limit / depth_or_one**2)
+
+
+def _grown(patches: NDArray[np.int16], inverse: Array, limit: Array) -> NDArray[np.int16]:
+    """Patches (h, w) up to where their planes end: a second difference is not told near a step, so that a table's rim
+    would be no table.
+
+    Plane patches take the pixels of no patch, up to GROWTH away, whose `inverse` depth (h, w) is within `limit` (h, w)
+    of their plane's; of several the nearest plane's.
+    """
+    grown, nearest = patches.copy(), np.where(patches > 0, 0.0, np.inf)
+    rows, columns = np.indices(patches.shape)
+    axes = np.stack([np.ones(patches.shape), rows, columns], axis=-1)
+    for number in range(1, int(patches.max(initial=0)) + 1):
+        own = patches == number
+        plane, *_ = np.linalg.lstsq(axes[own], inverse[own], rcond=None)
+        off = np.abs(inverse - axes @ plane) / limit
+        if np.mean(off[own] < 1.0) < PLANE:
+            continue
+        reached = ndimage.binary_dilation(own, iterations=GROWTH, mask=own | ((patches == 0) & (off < 1.0)))
+        taken = reached & (off < nearest)
+        grown[taken], nearest[taken] = number, off[taken]
+    return grown
 
 
 def _second_difference(values: Array) -> Array:

@@ -10,10 +10,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
 from pmpnbp.potentials.kernels.chain_kinematics import Chain, forward, pose_error, slopes
+from pmpnbp.potentials.kernels.compiling import inner, kernel
 
 # Starts that are refined, the most steps of each, and the poses that a thread takes at a time.
 _REFINED, _STEPS, _BLOCK = 2, 25, 64
@@ -66,7 +67,7 @@ class _Workspace(NamedTuple):
     work: NDArray[np.float64]
 
 
-@njit(nogil=True)
+@inner()
 def _solve(a, b):  # type: ignore[no-untyped-def]
     """b <- a^-1 b, for a symmetric positive a, which is used up (Cholesky)."""
     n = len(b)
@@ -86,7 +87,7 @@ def _solve(a, b):  # type: ignore[no-untyped-def]
         b[i] /= a[i, i]
 
 
-@njit(nogil=True)
+@inner()
 def _normal_equations(jacobian, error, normal, gradient):  # type: ignore[no-untyped-def]
     """Fills J^T J (F, F) and J^T e (F,), and returns the trace of the former."""
     size = _TINY_TRACE
@@ -104,7 +105,7 @@ def _normal_equations(jacobian, error, normal, gradient):  # type: ignore[no-unt
     return size
 
 
-@njit(nogil=True)
+@inner()
 def _bounded_step(normal, gradient, damping, q, lower, upper, wraps, held, work, change):  # type: ignore[no-untyped-def]
     """The damped step, the first F of `change`: a free motion that would leave its bounds goes to the bound.
 
@@ -138,7 +139,7 @@ def _bounded_step(normal, gradient, damping, q, lower, upper, wraps, held, work,
             break
 
 
-@njit(nogil=True)
+@inner()
 def _rank(chain, starts, target, error, change, chosen, costs):  # type: ignore[no-untyped-def]
     """The `_REFINED` starts (indices in `chosen`) whose linearised problem leaves least."""
     lower, upper, wraps, length = chain.lower, chain.upper, chain.wraps, chain.length
@@ -169,7 +170,7 @@ def _rank(chain, starts, target, error, change, chosen, costs):  # type: ignore[
             costs[slot], chosen[slot] = cost, s
 
 
-@njit(nogil=True)
+@inner()
 def _try_step(normal, gradient, change, q, lower, wraps, trial):  # type: ignore[no-untyped-def]
     """Fills `trial` with the free motions `q` after the step `change`; returns what that gains by the linear model."""
     promised = _TINY
@@ -184,7 +185,7 @@ def _try_step(normal, gradient, change, q, lower, wraps, trial):  # type: ignore
 
 
 # Inlined, or counting references to the members of two tuples costs a tenth of the time.
-@njit(nogil=True, inline="always")
+@inner(inline="always")
 def _refine(chain, target, at):  # type: ignore[no-untyped-def]
     """Levenberg-Marquardt from the free motions `at.q`, which are moved to where the squared error is least nearby;
     returns that."""
@@ -226,7 +227,7 @@ def _refine(chain, target, at):  # type: ignore[no-untyped-def]
     return cost
 
 
-@njit(nogil=True)
+@inner()
 def _project(chain, starts, targets, first, last, result):  # type: ignore[no-untyped-def]
     """Fills rows `first` to `last` of `result` (B, F) with the free motions that come closest to `targets` (B, 7)."""
     depth, free = chain.matrix.shape
@@ -261,7 +262,7 @@ def _project(chain, starts, targets, first, last, result):  # type: ignore[no-un
                     result[b, f] = at.q[f]
 
 
-@njit(nogil=True)
+@inner()
 def _linearise(chain, starts):  # type: ignore[no-untyped-def]
     """Fills all but the free motions of `starts`."""
     before, revolute, axes, matrix, offset, _, _, _, length = chain
@@ -283,14 +284,14 @@ def _linearise(chain, starts):  # type: ignore[no-untyped-def]
 
 
 # Plain tuples at the border: numba takes 0.6 ms a call to recognise named ones.
-@njit(nogil=True, cache=True)
+@kernel()
 def _serial(links, look, targets, result):  # type: ignore[no-untyped-def]
     chain, starts = Chain(*links), _Starts(*look)
     _linearise(chain, starts)
-    _project(chain, starts, targets, 0, len(targets), result)
+    _project(chain, starts, targets, np.int64(0), len(targets), result)
 
 
-@njit(nogil=True, cache=True, parallel=True)
+@kernel(parallel=True)
 def _parallel(links, look, targets, result):  # type: ignore[no-untyped-def]
     chain, starts = Chain(*links), _Starts(*look)
     _linearise(chain, starts)

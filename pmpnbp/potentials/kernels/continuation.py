@@ -12,7 +12,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from pmpnbp.potentials.kernels.compiling import inner
 
 # Pixels on either side of the outline that are looked at.
 AHEAD = 8
@@ -22,7 +23,7 @@ ENDS, GOES_ON = 0.1, 0.2
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _count_across(drawn: Any, scan: Any, row: int, column: int, down: int, across: int, room: Any) -> None:
     """Count what a line along a row or column meets where it leaves the object: AHEAD pixels back and as many on.
 
@@ -62,14 +63,14 @@ def _count_across(drawn: Any, scan: Any, row: int, column: int, down: int, acros
             break
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def patch_room(count: int) -> Any:
     """Memory for `weigh_patches`, for one thread and patches 0 to count - 1: int32 twice to count in, and float32
     weights, all 1."""
     return np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32), np.ones(count, dtype=np.float32)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def weigh_patches(buffer: Any, stride: int, box: Any, packed: Any, patches: Any, terms: Any, room: Any) -> None:
     """Fill the weights of `room`: the share of its reward that each patch is left with.
 
@@ -79,6 +80,7 @@ def weigh_patches(buffer: Any, stride: int, box: Any, packed: Any, patches: Any,
     explained, beyond, weights = room
     left, right, top, bottom = box
     drawn, scan = (buffer, stride, box), (packed, patches, terms[0])
+    still, on, back = np.int64(0), np.int64(1), np.int64(-1)
     explained[:], beyond[:] = 0, 0
     for row in range(top, bottom + 2):
         before: Any = False
@@ -88,16 +90,16 @@ def weigh_patches(buffer: Any, stride: int, box: Any, packed: Any, patches: Any,
             if covered != before:
                 # back from where it begins, on from where it ends
                 if covered:
-                    _count_across(drawn, scan, row, column, 0, -1, room)
+                    _count_across(drawn, scan, row, column, still, back, room)
                 else:
-                    _count_across(drawn, scan, row, column - 1, 0, 1, room)
+                    _count_across(drawn, scan, row, column - 1, still, on, room)
             before = covered
             covered_above = row > top and column <= right and buffer[above + column] > _ZERO
             if covered != covered_above:
                 if covered:
-                    _count_across(drawn, scan, row, column, -1, 0, room)
+                    _count_across(drawn, scan, row, column, back, still, room)
                 else:
-                    _count_across(drawn, scan, row - 1, column, 1, 0, room)
+                    _count_across(drawn, scan, row - 1, column, on, still, room)
     weights[0] = _ONE
     for number in range(1, len(weights)):
         share = beyond[number] / max(explained[number] + beyond[number], 1)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pmpnbp.potentials.kernels.compiling import kernel
 
-@njit(nogil=True, cache=True, error_model="numpy")
+
+@kernel(error_model="numpy")
 def group(
     marks: NDArray[np.float64], evidence: NDArray[np.float64], most: int, apart: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -19,8 +19,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
+
+from pmpnbp.potentials.kernels.compiling import inner, kernel
 
 PRISMATIC, REVOLUTE, LIMITS, LIMITS_SLIDE, LIMITS_TURN = 0, 1, 2, 3, 4
 
@@ -49,8 +51,7 @@ def _fit(values: Any, upper: float, degree: int) -> tuple[np.float32, ...]:
 
 # angle / |a - b| for unit quaternions a, b at most half a turn apart, by m = |a - b|² in 0..2: angle = 4 asin(|a-b|/2).
 _ANGLE = _fit(lambda m: 4 * np.arcsin(np.sqrt(m) / 2) / np.sqrt(m), 2.0 + 1e-6, 6)
-# angle² / |a - b|², likewise.
-_ANGLE_SQUARED = _fit(lambda m: 16 * np.arcsin(np.sqrt(m) / 2) ** 2 / m, 2.0 + 1e-6, 5)
+_ANGLE_SQUARED = _fit(lambda m: 16 * np.arcsin(np.sqrt(m) / 2) ** 2 / m, 2.0 + 1e-6, 5)  # / |a - b|², likewise
 # angle² / sin²(angle/2) by the cosine of the half angle, 0..1.
 _SWING_SQUARED = _fit(lambda x: 4 * np.arccos(x) ** 2 / (1 - x * x), 1.0, 7)
 # 2 ** f for f in 0..1
@@ -65,7 +66,7 @@ _ONE, _FOUR, _QUARTER, _ZERO = np.float32(1), np.float32(4), np.float32(0.25), n
 _BIAS, _MANTISSA = np.int32(127), np.int32(23)
 
 
-@njit(nogil=True, fastmath=True)
+@inner(fastmath=True)
 def _apart(aw, ax, ay, az, bw, bx, by, bz):  # type: ignore[no-untyped-def]
     # |a - b|² of the nearer of b and -b
     dw, dx, dy, dz = aw - bw, ax - bx, ay - by, az - bz
@@ -73,24 +74,24 @@ def _apart(aw, ax, ay, az, bw, bx, by, bz):  # type: ignore[no-untyped-def]
     return min(m, _FOUR - m)
 
 
-@njit(nogil=True, fastmath=True)
+@inner(fastmath=True)
 def _angle(m):  # type: ignore[no-untyped-def]
     return np.sqrt(m) * (_A0 + m * (_A1 + m * (_A2 + m * (_A3 + m * (_A4 + m * (_A5 + m * _A6))))))
 
 
-@njit(nogil=True, fastmath=True)
+@inner(fastmath=True)
 def _angle_squared(m):  # type: ignore[no-untyped-def]
     return m * (_B0 + m * (_B1 + m * (_B2 + m * (_B3 + m * (_B4 + m * _B5)))))
 
 
-@njit(nogil=True, fastmath=True)
+@inner(fastmath=True)
 def _off_slide(nx, ny, nz, lower, upper, dx, dy, dz):  # type: ignore[no-untyped-def]
     along = min(max(nx * dx + ny * dy + nz * dz, lower), upper)
     rx, ry, rz = dx - along * nx, dy - along * ny, dz - along * nz
     return rx * rx + ry * ry + rz * rz
 
 
-@njit(nogil=True, fastmath=True)
+@inner(fastmath=True)
 def _prismatic_row(o, t, behind, begin, end, outer_is_parent, lower, upper, kp, ko, out):  # type: ignore[no-untyped-def]
     x, y, z, nx, ny, nz, qw, qx, qy, qz = o[0], o[1], o[2], o[3], o[4], o[5], o[6], o[7], o[8], o[9]
     least = _LARGEST
@@ -111,7 +112,7 @@ def _prismatic_row(o, t, behind, begin, end, outer_is_parent, lower, upper, kp, 
     return np.int32(least).view(np.float32)
 
 
-@njit(nogil=True, fastmath=True)
+@inner(fastmath=True)
 def _revolute_row(o, t, behind, begin, end, cos_end, sin_end, kp, ko, out):  # type: ignore[no-untyped-def]
     x, y, z, nx, ny, nz, qw, qx, qy, qz = o[0], o[1], o[2], o[3], o[4], o[5], o[6], o[7], o[8], o[9]
     least = _LARGEST
@@ -130,7 +131,7 @@ def _revolute_row(o, t, behind, begin, end, cos_end, sin_end, kp, ko, out):  # t
     return np.int32(least).view(np.float32)
 
 
-@njit(nogil=True, fastmath=True)
+@inner(fastmath=True)
 def _limits_cost(kind, ax, ay, az, bx, by, bz, ma, mb, cp, co, kp, ko):  # type: ignore[no-untyped-def]
     # eq. 11
     a2 = ax * ax + ay * ay + az * az
@@ -147,7 +148,7 @@ def _limits_cost(kind, ax, ay, az, bx, by, bz, ma, mb, cp, co, kp, ko):  # type:
     return kp * position2 + ko * orientation2
 
 
-@njit(nogil=True, fastmath=True)
+@inner(fastmath=True)
 def _limits_given_parent(kind, o, t, behind, begin, end, cp, co, kp, ko, out):  # type: ignore[no-untyped-def]
     ax, ay, az, aw, ai, aj, ak = o[0], o[1], o[2], o[6], o[7], o[8], o[9]
     bx, by, bz, bw, bi, bj, bk = o[3], o[4], o[5], o[10], o[11], o[12], o[13]
@@ -162,7 +163,7 @@ def _limits_given_parent(kind, o, t, behind, begin, end, cp, co, kp, ko, out):  
     return np.int32(least).view(np.float32)
 
 
-@njit(nogil=True, fastmath=True)
+@inner(fastmath=True)
 def _limits_given_child(kind, o, t, behind, begin, end, cp, co, kp, ko, out):  # type: ignore[no-untyped-def]
     x, y, z, qw, qx, qy, qz = o[0], o[1], o[2], o[6], o[7], o[8], o[9]
     least = _LARGEST
@@ -176,7 +177,7 @@ def _limits_given_child(kind, o, t, behind, begin, end, cp, co, kp, ko, out):  #
     return np.int32(least).view(np.float32)
 
 
-@njit(nogil=True, fastmath=True)
+@inner(fastmath=True)
 def _limits_row(kind, o, t, behind, begin, end, outer_is_parent, cp, co, kp, ko, out):  # type: ignore[no-untyped-def]
     # The constants let the compiler drop what a kind does not need: half of the square roots.
     if outer_is_parent:
@@ -192,7 +193,7 @@ def _limits_row(kind, o, t, behind, begin, end, outer_is_parent, cp, co, kp, ko,
     return _limits_given_child(LIMITS, o, t, behind, begin, end, cp, co, kp, ko, out)
 
 
-@njit(nogil=True, fastmath=True)
+@inner(fastmath=True)
 def _sum_of_powers(values, begin, end, least):  # type: ignore[no-untyped-def]
     total = _ZERO
     for j in range(begin, end):
@@ -204,7 +205,7 @@ def _sum_of_powers(values, begin, end, least):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(nogil=True)
+@inner()
 def _lay_out(poses, frame, second, kind, is_parent, origin, fields):  # type: ignore[no-untyped-def]
     # fields: 0-2 position, 3-5 axis (or position of the second limit), 6-9 quaternion, 10-13 the second limit's
     limits = kind >= LIMITS and is_parent
@@ -212,10 +213,9 @@ def _lay_out(poses, frame, second, kind, is_parent, origin, fields):  # type: ig
         px, py, pz = poses[i, 0] - origin[0], poses[i, 1] - origin[1], poses[i, 2] - origin[2]
         w, x, y, z = poses[i, 3], poses[i, 4], poses[i, 5], poses[i, 6]
         for k in range(2 if limits else 1):
-            local = frame if k == 0 else second
+            local, position, quaternion = (frame, 0, 6) if k == 0 else (second, 3, 10)
             tx, ty, tz = local[0], local[1], local[2]
             cx, cy, cz = y * tz - z * ty, z * tx - x * tz, x * ty - y * tx
-            position = 0 if k == 0 else 3
             fields[position, i] = px + tx + 2 * (w * cx + y * cz - z * cy)
             fields[position + 1, i] = py + ty + 2 * (w * cy + z * cx - x * cz)
             fields[position + 2, i] = pz + tz + 2 * (w * cz + x * cy - y * cx)
@@ -224,7 +224,6 @@ def _lay_out(poses, frame, second, kind, is_parent, origin, fields):  # type: ig
             rx = w * bx + x * bw + y * bz - z * by
             ry = w * by - x * bz + y * bw + z * bx
             rz = w * bz + x * by - y * bx + z * bw
-            quaternion = 6 if k == 0 else 10
             fields[quaternion, i] = rw
             fields[quaternion + 1, i] = rx
             fields[quaternion + 2, i] = ry
@@ -235,7 +234,7 @@ def _lay_out(poses, frame, second, kind, is_parent, origin, fields):  # type: ig
                 fields[5, i] = 1 - 2 * (rx * rx + ry * ry)
 
 
-@njit(nogil=True)
+@inner()
 def _prepare(jobs, laid_out):  # type: ignore[no-untyped-def]
     """Fills `laid_out`: the fields of s and t, how far each t's log weight lies behind the highest, and that."""
     kind, is_parent, frames_s, frames_t, seconds, _, poses_s, poses_t, log_weights, _, _ = jobs
@@ -253,7 +252,7 @@ def _prepare(jobs, laid_out):  # type: ignore[no-untyped-def]
             behind[q, j] = _NOTHING if lost else min((highest[q] - log_weights[q, j]) * _LOG2E, _NOTHING)
 
 
-@njit(nogil=True)
+@inner()
 def _block(q, first, last, jobs, kp, ko, laid_out, result):  # type: ignore[no-untyped-def]
     """Rows `first` to `last` of job q. kp, ko : what a squared metre and a squared radian cost"""
     kind, is_parent, _, _, _, shape, _, _, _, start, stop = jobs
@@ -280,14 +279,14 @@ def _block(q, first, last, jobs, kp, ko, laid_out, result):  # type: ignore[no-u
             result[q, i] = highest[q] + (np.log2(np.float64(total)) - np.float64(least)) / _LOG2E
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def _serial(jobs, kp, ko, laid_out, result):  # type: ignore[no-untyped-def]
     _prepare(jobs, laid_out)
     for q in range(result.shape[0]):
-        _block(q, 0, result.shape[1], jobs, kp, ko, laid_out, result)
+        _block(q, np.int64(0), result.shape[1], jobs, kp, ko, laid_out, result)
 
 
-@njit(nogil=True, cache=True, parallel=True)
+@kernel(parallel=True)
 def _parallel(jobs, kp, ko, laid_out, result):  # type: ignore[no-untyped-def]
     _prepare(jobs, laid_out)
     rows = result.shape[1]

@@ -5,10 +5,11 @@ Single-threaded on purpose: these run on a few thousand poses, where starting th
 """
 
 import numpy as np
-from numba import njit
+
+from pmpnbp.potentials.kernels.compiling import inner, kernel
 
 
-@njit(nogil=True, cache=True, inline="always")
+@inner()
 def _multiply(a, b, out):  # type: ignore[no-untyped-def]
     """out = a * b, poses of seven numbers; out may not alias a or b."""
     w, x, y, z = a[3], a[4], a[5], a[6]
@@ -26,7 +27,7 @@ def _multiply(a, b, out):  # type: ignore[no-untyped-def]
     out[6] = w * b[6] + x * b[5] - y * b[4] + z * b[3]
 
 
-@njit(nogil=True, cache=True, inline="always")
+@inner()
 def _invert(a, out):  # type: ignore[no-untyped-def]
     """out = a^-1; out may not alias a."""
     w, x, y, z = a[3], -a[4], -a[5], -a[6]
@@ -43,7 +44,7 @@ def _invert(a, out):  # type: ignore[no-untyped-def]
     out[6] = z
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def through_joints(poses_from, edge, to_child, axis_positions, axis_count, before, revolute, axes, after, out):  # type: ignore[no-untyped-def]
     """Poses of the part on the other side of an edge.
 
@@ -63,11 +64,13 @@ def through_joints(poses_from, edge, to_child, axis_positions, axis_count, befor
             if to_child[g]:
                 _multiply(poses_from[g, m], before[e, 0], first)
             else:
-                first[:] = before[e, 0]
+                for c in range(7):
+                    first[c] = before[e, 0, c]
             for d in range(axis_positions.shape[2]):
                 for k in range(axis_count[e]):
                     if k == 0:
-                        scratch[:] = first
+                        for c in range(7):
+                            scratch[c] = first[c]
                     else:
                         _multiply(relative, before[e, k], scratch)
                     q = axis_positions[g, m, d, k]
@@ -90,7 +93,7 @@ def through_joints(poses_from, edge, to_child, axis_positions, axis_count, befor
                     _multiply(poses_from[g, m], relative, out[g, m, d])
 
 
-@njit(nogil=True, cache=True)
+@kernel()
 def perturb(poses, translation, rotation, centre, out):  # type: ignore[no-untyped-def]
     """poses, out : (B, 7); translation, rotation : (B, 3) in world axes; centre : (B, 3) in the moved frame."""
     turn = np.empty(7)

@@ -6,9 +6,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import get_num_threads, njit, prange
+from numba import get_num_threads, prange
 from numpy.typing import NDArray
 
+from pmpnbp.potentials.kernels.compiling import inner, kernel
 from pmpnbp.potentials.kernels.continuation import patch_room, weigh_patches
 from pmpnbp.potentials.kernels.pixel_scores import CATEGORY_BITS, pixel_reward
 from pmpnbp.potentials.kernels.rasteriser import draw_object, scratch
@@ -16,7 +17,7 @@ from pmpnbp.potentials.kernels.rasteriser import draw_object, scratch
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _compared(room: Any, box: Any, stride: int, image: Any, terms: Any, patch_counts: Any, pixels: Any) -> int:
     """List the pixels of what is drawn that can be explained, and return how many: their places in the image and parts
     (2, …), and depths, residuals and weights (3, …), into `pixels`."""
@@ -46,7 +47,7 @@ def _compared(room: Any, box: Any, stride: int, image: Any, terms: Any, patch_co
     return count
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _slopes(
     room: Any, box: Any, stride: int, width: int, pixels: Any, count: int, probe: float, steepest: float, out: Any
 ) -> None:
@@ -66,7 +67,7 @@ def _slopes(
                     out[k] = change / probe
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _add_range(
     start: int,
     step: int,
@@ -112,7 +113,7 @@ def _add_range(
                         information[h, gate, j, i] += total
 
 
-@njit(nogil=True, cache=True, error_model="numpy", parallel=True)
+@kernel(error_model="numpy", parallel=True)
 def _add_parallel(
     blocks: int,
     image: Any,
@@ -126,7 +127,7 @@ def _add_parallel(
     gradient: Any,
 ) -> None:
     for block in prange(blocks):
-        _add_range(block, blocks, image, mesh, poses, probes, terms, gates, steepest, information, gradient)
+        _add_range(np.int64(block), blocks, image, mesh, poses, probes, terms, gates, steepest, information, gradient)
 
 
 def add_normal_equations(

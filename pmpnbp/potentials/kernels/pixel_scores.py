@@ -11,8 +11,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from pmpnbp.potentials.kernels.compiling import inner, kernel
 
 # The categories of `scene/observation.py`; a test holds the two lists together.
 NO_DEPTH, OBJECT, SUPPORT, OUTSIDE, CONTINUED = 0, 1, 2, 3, 4
@@ -24,7 +25,7 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 CATEGORY_BITS = np.int32(7)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def pack_view(depth: NDArray[np.float32], category: NDArray[np.uint8]) -> NDArray[np.int32]:
     """Depth (h, w) in metres and category (h, w) as one image (h + 2, w + 2) with a border without depth."""
     height, width = depth.shape
@@ -40,24 +41,26 @@ def pack_view(depth: NDArray[np.float32], category: NDArray[np.uint8]) -> NDArra
     return packed
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def pack_patches(patches: NDArray[np.int16]) -> NDArray[np.int16]:
     """Numbers of patches (h, w) with the border of `pack_view`, of patch 0."""
     height, width = patches.shape
     room = np.zeros((height + 2) * (width + 2) + LANES, dtype=np.int16)
     packed = room[: (height + 2) * (width + 2)].reshape(height + 2, width + 2)
-    packed[1:-1, 1:-1] = patches
+    for row in range(height):
+        for column in range(width):
+            packed[row + 1, column + 1] = patches[row, column]
     return packed
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def pixel_reward(category: Any, support_reward: Any, continued_reward: Any) -> Any:
     """The most that a covered pixel of a category can earn, float32."""
     beside = support_reward if category == SUPPORT else (continued_reward if category == CONTINUED else _ZERO)
     return _ONE if category == OBJECT else beside
 
 
-@njit(nogil=True, cache=True, error_model="numpy", fastmath={"nsz", "contract"})
+@kernel(error_model="numpy", fastmath={"nsz", "contract"})
 def robust_pixel(word: Any, rendered: Any, terms: Any) -> Any:
     """Score of a covered pixel whose packed observation is `word` and whose rendered depth is `rendered`, float32.
 
@@ -74,7 +77,7 @@ def robust_pixel(word: Any, rendered: Any, terms: Any) -> Any:
     return score if category != NO_DEPTH else _ZERO
 
 
-@njit(nogil=True, cache=True, error_model="numpy", fastmath={"nsz", "contract"})
+@kernel(error_model="numpy", fastmath={"nsz", "contract"})
 def distance_pixel(word: Any, rendered: Any, ray_length: Any) -> Any:
     """Minus the distance in metres between observed and rendered point of a covered pixel (eq. 10), float32."""
     category = word & CATEGORY_BITS

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from pmpnbp.potentials.kernels.compiling import inner
 
 # The near plane, metres. What lies before it is cut off.
 NEAR = 0.01
@@ -16,7 +17,7 @@ BESIDE = 1024
 _ONE, _NEAR, _FAR = np.float32(1), np.float32(NEAR), np.float32(1e9)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def rotation_rows(w: float, x: float, y: float, z: float) -> Any:
     """The nine elements, row by row, of the rotation matrix of a quaternion, times its squared length."""
     return (
@@ -32,7 +33,7 @@ def rotation_rows(w: float, x: float, y: float, z: float) -> Any:
     )
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def pose_in_camera(pose_camera_world: Any, pose_world_part: Any) -> Any:
     """Rotation (nine elements, row by row) and translation (three) of pose_camera_part, from two poses (7,).
 
@@ -55,7 +56,7 @@ def pose_in_camera(pose_camera_world: Any, pose_world_part: Any) -> Any:
     )
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def single(m: Any) -> Any:
     """What `pose_in_camera` returns, in single precision."""
     r0, r1, r2 = np.float32(m[0]), np.float32(m[1]), np.float32(m[2])
@@ -64,7 +65,7 @@ def single(m: Any) -> Any:
     return r0, r1, r2, r3, r4, r5, r6, r7, r8, np.float32(m[9]), np.float32(m[10]), np.float32(m[11])
 
 
-@njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz", "contract"})
+@inner(error_model="numpy", fastmath={"nnan", "nsz", "contract"})
 def project(vertices: Any, m: Any, lens: Any, width: int, height: int, us: Any, vs: Any, ws: Any) -> Any:
     """Project the vertices xs, ys, zs of a part, whose pose is `m`, into us, vs (pixels) and ws (1/z).
 
@@ -88,7 +89,7 @@ def project(vertices: Any, m: Any, lens: Any, width: int, height: int, us: Any, 
     return (max(int(left), 0), min(int(right), width - 1), max(int(top), 0), min(int(bottom), height - 1)), False
 
 
-@njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz", "contract"})
+@inner(error_model="numpy", fastmath={"nnan", "nsz", "contract"})
 def _project_axis(xs: Any, ys: Any, zs: Any, row: Any, focal: Any, centre: Any, ws: Any, out: Any) -> Any:
     """One image coordinate of all vertices, and the first and last pixel centre between the smallest and the largest.
 

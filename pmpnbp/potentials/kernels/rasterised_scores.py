@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import get_num_threads, njit, prange
+from numba import get_num_threads, prange
 from numpy.typing import NDArray
 
+from pmpnbp.potentials.kernels.compiling import inner, kernel
 from pmpnbp.potentials.kernels.continuation import patch_room, weigh_patches
 from pmpnbp.potentials.kernels.pixel_scores import distance_pixel, robust_pixel
 from pmpnbp.potentials.kernels.rasteriser import draw_object, draw_part, scratch
@@ -18,7 +19,7 @@ PARALLEL_FROM = 16
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
-@njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+@inner(error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
 def _sum_robust(buffer: Any, stride: int, box: Any, packed: Any, terms: Any) -> float:
     """Sum over the buffer's pixels. Rows are read to the end of their stride, where nothing is drawn: whole vectors."""
     left, _, top, bottom = box
@@ -35,7 +36,7 @@ def _sum_robust(buffer: Any, stride: int, box: Any, packed: Any, terms: Any) -> 
     return total
 
 
-@njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+@inner(error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
 def _sum_distance(buffer: Any, stride: int, box: Any, packed: Any, lens: Any) -> float:
     left, _, top, bottom = box
     image, width = packed.ravel(), packed.shape[1]
@@ -53,7 +54,7 @@ def _sum_distance(buffer: Any, stride: int, box: Any, packed: Any, lens: Any) ->
     return total
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _add_part_range(
     start: int, step: int, image: Any, mesh: Any, part: Any, poses: Any, terms: Any, robust: bool, out: Any
 ) -> None:
@@ -62,14 +63,14 @@ def _add_part_range(
     room = scratch(mesh, view[2], view[3])
     terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4])
     for i in range(start, len(part), step):
-        box, stride = draw_part(part[i], poses[i], view, mesh, room)
+        box, stride = draw_part(np.int64(part[i]), poses[i], view, mesh, room)
         if robust:
             out[i] += _sum_robust(room[5], stride, box, packed, terms32)
         else:
             out[i] += _sum_distance(room[5], stride, box, packed, lens)
 
 
-@njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+@inner(error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
 def _sum_weighed(buffer: Any, stride: int, box: Any, packed: Any, patches: Any, weights: Any, terms: Any) -> float:
     """As `_sum_robust`, of what each patch's weight leaves of its pixels' rewards."""
     left, _, top, bottom = box
@@ -89,7 +90,7 @@ def _sum_weighed(buffer: Any, stride: int, box: Any, packed: Any, patches: Any, 
     return total
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _add_object_range(
     start: int, step: int, image: Any, mesh: Any, poses: Any, terms: Any, robust: bool, out: Any
 ) -> None:
@@ -112,18 +113,18 @@ def _add_object_range(
             out[i] += _sum_distance(room[5], stride, box, packed, lens)
 
 
-@njit(nogil=True, cache=True, error_model="numpy", parallel=True)
+@kernel(error_model="numpy", parallel=True)
 def _add_parts_parallel(
     blocks: int, image: Any, mesh: Any, part: Any, poses: Any, terms: Any, robust: bool, out: Any
 ) -> None:
     for block in prange(blocks):
-        _add_part_range(block, blocks, image, mesh, part, poses, terms, robust, out)
+        _add_part_range(np.int64(block), blocks, image, mesh, part, poses, terms, robust, out)
 
 
-@njit(nogil=True, cache=True, error_model="numpy", parallel=True)
+@kernel(error_model="numpy", parallel=True)
 def _add_objects_parallel(blocks: int, image: Any, mesh: Any, poses: Any, terms: Any, robust: bool, out: Any) -> None:
     for block in prange(blocks):
-        _add_object_range(block, blocks, image, mesh, poses, terms, robust, out)
+        _add_object_range(np.int64(block), blocks, image, mesh, poses, terms, robust, out)
 
 
 def add_part_scores(

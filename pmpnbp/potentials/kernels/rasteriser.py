@@ -13,9 +13,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pmpnbp.potentials.kernels.compiling import inner, kernel
 from pmpnbp.potentials.kernels.pixel_scores import LANES
 from pmpnbp.potentials.kernels.projection import pose_in_camera, project
 from pmpnbp.potentials.kernels.triangles import SINGLE, row_stride, scan_clipped, scan_triangle
@@ -23,7 +23,7 @@ from pmpnbp.potentials.kernels.triangles import SINGLE, row_stride, scan_clipped
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def scratch(mesh: Any, width: int, height: int) -> Any:
     """Memory to draw into, for one thread: the vertices' u, v and w; chosen faces; each part's box; the z-buffer and
     each pixel's part."""
@@ -40,14 +40,14 @@ def scratch(mesh: Any, width: int, height: int) -> Any:
     )
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _rows(table: Any, begin: int, end: int) -> Any:
     """Columns begin to end of a table (3, …) as three arrays: a slice of all rows at once is not contiguous to the
     compiler, which then makes no vectors."""
     return table[0, begin:end], table[1, begin:end], table[2, begin:end]
 
 
-@njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz"})
+@inner(error_model="numpy", fastmath={"nnan", "nsz"})
 def _choose_faces(faces: Any, one_sided: Any, box: Any, us: Any, vs: Any, chosen: Any) -> int:
     """List in `chosen` the faces that may cover a pixel of the box, and return how many. Most of a fine mesh's faces
     fall between pixel centres or turn away; all are asked at once, in vectors, before any is drawn."""
@@ -76,7 +76,7 @@ def _choose_faces(faces: Any, one_sided: Any, box: Any, us: Any, vs: Any, chosen
     return count
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _draw_projected(target: Any, box: Any, vertices: Any, faces: Any, one_sided: Any, chosen: Any) -> None:
     """Draw a part's triangles into a buffer whose first pixel is the first of `box`. vertices : us, vs, ws; faces :
     three arrays, as from `_rows`."""
@@ -91,7 +91,7 @@ def _draw_projected(target: Any, box: Any, vertices: Any, faces: Any, one_sided:
         scan_triangle(target, a, b, c, SINGLE)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _draw_near(target: Any, box: Any, lens: Any, m: Any, vertices: Any, faces: Any) -> None:
     """As _draw_projected, from the vertices xs, ys, zs at pose m of a part that is partly before the near plane."""
     m00, m01, m02, m10, m11, m12, m20, m21, m22, tx, ty, tz = m
@@ -107,7 +107,7 @@ def _draw_near(target: Any, box: Any, lens: Any, m: Any, vertices: Any, faces: A
         scan_clipped(target, lens, float(box[0]), float(box[2]), corners, clipped)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def draw_part(node: int, pose: Any, view: Any, mesh: Any, room: Any) -> Any:
     """Draw one part alone into the z-buffer of `room`.
 
@@ -129,7 +129,7 @@ def draw_part(node: int, pose: Any, view: Any, mesh: Any, room: Any) -> Any:
         return (0, -1, 0, -1), LANES
     stride = row_stride(right - left + 1)
     buffer[: (bottom - top + 1) * stride] = _ZERO
-    target = (buffer, None, 0, stride, right - left + 1, bottom - top + 1)
+    target = (buffer, None, np.int64(0), stride, right - left + 1, bottom - top + 1)
     if near:
         _draw_near(target, box, lens, m, own_vertices, own_faces)
     else:
@@ -137,14 +137,14 @@ def draw_part(node: int, pose: Any, view: Any, mesh: Any, room: Any) -> Any:
     return box, stride
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def draw_object(poses: Any, view: Any, mesh: Any, room: Any, owner: Any) -> Any:
     """As `draw_part`, all parts at poses (N, 7) into one z-buffer. owner : that of `room`, to have each pixel's part
     number beside it, or None"""
     vertices, faces, one_sided, vertex_offsets, face_offsets = mesh
     us, vs, ws, chosen, boxes, buffer, _ = room
     lens, pose_camera_world, width, height = view
-    left, right, top, bottom = width, -1, height, -1
+    left, right, top, bottom = width, np.int64(-1), height, np.int64(-1)
     for node in range(len(poses)):
         begin, end = vertex_offsets[node], vertex_offsets[node + 1]
         boxes[node, 0], boxes[node, 1] = 0, -1
@@ -176,7 +176,7 @@ def draw_object(poses: Any, view: Any, mesh: Any, room: Any, owner: Any) -> Any:
     return whole, stride
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _depth_image(box: Any, stride: int, buffer: Any, width: int, height: int) -> Any:
     depth = np.zeros((height, width), dtype=np.float32)
     left, right, top, bottom = box
@@ -188,7 +188,7 @@ def _depth_image(box: Any, stride: int, buffer: Any, width: int, height: int) ->
     return depth
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def part_depth(node: int, pose: NDArray[np.float64], view: Any, mesh: Any) -> NDArray[np.float32]:
     """Depth (height, width) float32, metres, 0 where nothing is, of one part alone at pose (7,).
 
@@ -199,7 +199,7 @@ def part_depth(node: int, pose: NDArray[np.float64], view: Any, mesh: Any) -> ND
     return _depth_image(box, stride, room[5], view[2], view[3])
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def object_depth(poses: NDArray[np.float64], view: Any, mesh: Any) -> Any:
     """As `part_depth` for all parts at poses (N, 7), and the part number (height, width) int16, -1 where nothing is."""
     width, height = view[2], view[3]

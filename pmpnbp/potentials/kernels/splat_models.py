@@ -10,16 +10,17 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 from numpy.typing import NDArray
 
+from pmpnbp.potentials.kernels.compiling import inner, kernel
 from pmpnbp.potentials.kernels.triangles import SINGLE, scan_triangle
 
 # Side of the drawn grid, a power of two; doubled up to FINEST while fewer than ENOUGH pixels are drawn.
 COARSEST, FINEST, ENOUGH = 64, 512, 2000
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def cell_direction(cell: int, size: int) -> Any:
     """Unit vector at the middle of a cell of the octahedral grid that `splatting.direction_cell` looks up."""
     u = (cell % size + 0.5) / size * 2.0 - 1.0
@@ -33,7 +34,7 @@ def cell_direction(cell: int, size: int) -> Any:
     return x / length, y / length, z / length
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _even_bits(code: int) -> int:
     """The number whose bits are the even bits of `code`."""
     value, place = 0, 0
@@ -44,7 +45,7 @@ def _even_bits(code: int) -> int:
     return value
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _sample(vertices: Any, faces: Any, cell: int, size: int, order: Any, jitter: Any, points: Any) -> float:
     """Fill points (3, P) and return the projected area for one direction."""
     dx, dy, dz = cell_direction(cell, size)
@@ -70,12 +71,12 @@ def _sample(vertices: Any, faces: Any, cell: int, size: int, order: Any, jitter:
     extent_v = max(vs.max() - least_v, 1e-9)
     # the front is what is largest, and must be above the empty buffer's zero
     nearest = most_w + 1e-3 * (most_w - ws.min()) + 1e-6
-    side, drawn = COARSEST, 0
+    side, drawn = np.int64(COARSEST), 0
     while True:
         pixel_u, pixel_v = extent_u / side, extent_v / side
         flat = np.zeros(side * side, dtype=np.float32)
         buffer = flat.reshape(side, side)
-        target = (flat, None, 0, side, side, side)
+        target = (flat, None, np.int64(0), side, side, side)
         columns = ((us - least_u) / pixel_u - 0.5).astype(np.float32)
         rows = ((vs - least_v) / pixel_v - 0.5).astype(np.float32)
         heights = (nearest - ws).astype(np.float32)
@@ -115,10 +116,10 @@ def _sample(vertices: Any, faces: Any, cell: int, size: int, order: Any, jitter:
     return drawn * pixel_u * pixel_v
 
 
-@njit(nogil=True, cache=True, error_model="numpy", parallel=True)
+@kernel(error_model="numpy", parallel=True)
 def _sample_directions(vertices: Any, faces: Any, size: int, order: Any, jitter: Any, points: Any, areas: Any) -> None:
     for cell in prange(size * size):
-        areas[cell] = _sample(vertices, faces, cell, size, order[cell], jitter[cell], points[cell])
+        areas[cell] = _sample(vertices, faces, np.int64(cell), size, order[cell], jitter[cell], points[cell])
 
 
 def sample_directions(

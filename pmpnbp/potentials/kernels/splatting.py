@@ -10,9 +10,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import get_num_threads, njit, prange
+from numba import get_num_threads, prange
 from numpy.typing import NDArray
 
+from pmpnbp.potentials.kernels.compiling import inner, kernel
 from pmpnbp.potentials.kernels.pixel_scores import distance_pixel, robust_pixel
 from pmpnbp.potentials.kernels.projection import pose_in_camera, single
 
@@ -25,7 +26,7 @@ PARALLEL_FROM, BLOCK = 256, 64
 _ZERO, _ONE, _INDEX_BITS = np.float32(0), np.float32(1), np.int32(0xFFFFFF)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def direction_cell(x: float, y: float, z: float, size: int) -> int:
     """Index of the cell of the octahedral grid (size * size cells) that the direction x y z falls into."""
     scale = abs(x) + abs(y) + abs(z)
@@ -39,7 +40,7 @@ def direction_cell(x: float, y: float, z: float, size: int) -> int:
     return row * size + column
 
 
-@njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+@inner(error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
 def _sum_points(points: Any, used: int, m: Any, lens: Any, image: Any, size: Any, terms: Any, robust: bool) -> Any:
     """Sum over the points of the pixel scores, each times 1/z². points : (3, P); m, lens, size in float32."""
     m00, m01, m02, m10, m11, m12, m20, m21, m22, tx, ty, tz = m
@@ -68,7 +69,7 @@ def _sum_points(points: Any, used: int, m: Any, lens: Any, image: Any, size: Any
     return total
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _add_range(
     start: int, stop: int, image: Any, splats: Any, part: Any, poses: Any, terms: Any, robust: bool, used: int, out: Any
 ) -> None:
@@ -101,7 +102,7 @@ def _add_range(
             out[i] += float(total) * area * lens[0] * lens[1] / used
 
 
-@njit(nogil=True, cache=True, error_model="numpy", parallel=True)
+@kernel(error_model="numpy", parallel=True)
 def _add_parallel(
     block: int, image: Any, splats: Any, part: Any, poses: Any, terms: Any, robust: bool, used: int, out: Any
 ) -> None:

@@ -15,8 +15,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from pmpnbp.potentials.kernels.compiling import inner
 from pmpnbp.potentials.kernels.pixel_scores import LANES
 from pmpnbp.potentials.kernels.projection import NEAR
 
@@ -26,13 +26,13 @@ SINGLE, DOUBLE = np.float32(5e-7), 2e-15
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def row_stride(width: int) -> int:
     """Length of a buffer's rows that are to hold `width` pixels: whole vectors."""
     return (width + LANES - 1) // LANES * LANES
 
 
-@njit(nogil=True, cache=True, forceinline=True, error_model="numpy", fastmath={"nnan", "nsz", "contract"})
+@inner(forceinline=True, error_model="numpy", fastmath={"nnan", "nsz", "contract"})
 def scan_triangle(target: Any, a: Any, b: Any, c: Any, slack: Any) -> None:
     """Draw the triangle a b c, each (u, v, w): u v in pixels of the buffer, w its value; slack : SINGLE or DOUBLE, as
     the vertices are. Single precision will do for a triangle that is not much larger than the image.
@@ -78,7 +78,7 @@ def scan_triangle(target: Any, a: Any, b: Any, c: Any, slack: Any) -> None:
         begin += stride
 
 
-@njit(nogil=True, cache=True, error_model="numpy", fastmath={"nnan", "nsz", "contract"})
+@inner(error_model="numpy", fastmath={"nnan", "nsz", "contract"})
 def _scan_row(
     buffer: Any, owner: Any, number: int, begin: int, columns: int, edges: Any, value: Any, step: Any, most: Any
 ) -> None:
@@ -94,7 +94,7 @@ def _scan_row(
         buffer[place] = w if front else held
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def scan_clipped(target: Any, lens: Any, left: float, top: float, corners: Any, clipped: Any) -> None:
     """As scan_triangle, for corners (3, 3) in camera coordinates of which some may lie before the near plane, into a
     buffer that begins at pixel `left`, `top`. clipped : (4, 3), scratch."""
@@ -102,7 +102,8 @@ def scan_clipped(target: Any, lens: Any, left: float, top: float, corners: Any, 
     for k in range(3):
         a, b = corners[k], corners[(k + 1) % 3]
         if a[2] >= NEAR:
-            clipped[count] = a
+            for axis in range(3):
+                clipped[count, axis] = a[axis]
             count += 1
         if (a[2] >= NEAR) != (b[2] >= NEAR):
             # from the far end to the near one, whichever triangle of the edge asks

@@ -61,8 +61,11 @@ ROUTERS = (
 _log = logging.getLogger("pmpnbp.server")
 
 
-def create_app(config: ServerConfig) -> FastAPI:
-    """The application for `config`; nothing is opened before it starts."""
+def create_app(config: ServerConfig, *, read_ahead: bool = True) -> FastAPI:
+    """The application for `config`; nothing is opened before it starts.
+
+    read_ahead : start a process that reads scans before one is uploaded; its imports take seconds of a processor
+    """
     app = FastAPI(
         title="pmpnbp",
         version=version(),
@@ -74,6 +77,7 @@ def create_app(config: ServerConfig) -> FastAPI:
         generate_unique_id_function=lambda route: route.name,  # an operation is called as its function is
     )
     app.state.config = config
+    app.state.read_ahead = read_ahead
     app.state.traffic = Traffic()
     app.state.ready = False
     app.state.stopping = False
@@ -138,7 +142,8 @@ def close_all(app: FastAPI) -> None:
 def _get_ready(app: FastAPI) -> None:
     """Compile kernels or load them from disk; then the sample session, where it was asked for."""
     try:
-        app.state.uploads.warm()
+        if app.state.read_ahead:
+            app.state.uploads.warm()
         _kernels()
         app.state.ready = not app.state.stopping
         if app.state.config.demo and app.state.ready:

@@ -41,7 +41,8 @@ def serving(data_dir: Path) -> Iterator[Callable[..., Served]]:
 
     def start(**settings: Any) -> Served:
         config = ServerConfig(**({"port": 0, "data_dir": data_dir, "requests_per_second": 1e5} | settings))
-        app = create_app(config)
+        # most tests upload nothing, and a process that is started for nothing takes a core from the others
+        app = create_app(config, read_ahead=False)
         server = server_for(app, config)
         thread = threading.Thread(target=server.run, name="served", daemon=True)
         thread.start()

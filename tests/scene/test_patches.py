@@ -27,14 +27,26 @@ def box_on_a_wall(step: float, tilt: float = 0.4) -> np.ndarray:
 
 def test_a_plate_before_a_wall_is_one_patch_and_the_wall_another() -> None:
     patches = smooth_patches(box_on_a_wall(0.1))
-    assert sorted(np.unique(patches)) == [0, 1, 2]
+    assert sorted(np.unique(patches)) == [1, 2]
     plate, wall = patches[30, 42], patches[30, 10]
     assert plate != wall and plate > 0 and wall > 0
-    near = REACH + 1  # pixels that the second differences reach, and the average before them
-    assert np.all(patches[20 + near : 40 - near, 30 + near : 54 - near] == plate)
-    assert np.all(patches[near : 20 - near, near:-near] == wall)
-    # the edge between them lies on neither
-    assert not patches[20 - REACH : 20 + REACH, 30:54].any() and not patches[20:40, 30 - REACH : 30 + REACH].any()
+    # both up to the edge between them, which second differences alone leave to neither
+    inside = np.zeros(patches.shape, dtype=bool)
+    inside[20:40, 30:54] = True
+    assert np.mean(patches[inside] == plate) > 0.97 and np.mean(patches[~inside] == wall) > 0.97
+    assert not np.any(patches[inside] == wall) and not np.any(patches[~inside] == plate)
+
+
+def test_noise_leaves_edges_where_they_are(rng: np.random.Generator) -> None:
+    """3 mm at 1.2 m, half of what a surface may be off its plane by."""
+    depth = box_on_a_wall(0.1)
+    patches = smooth_patches((depth + rng.normal(0, 0.003, depth.shape)).astype(np.float32))
+    plate, wall = patches[30, 42], patches[30, 10]
+    assert plate != wall
+    inside = np.zeros(patches.shape, dtype=bool)
+    inside[20:40, 30:54] = True
+    assert np.mean(patches[inside] == plate) > 0.85 and np.mean(patches[~inside] == wall) > 0.85
+    assert not np.any(patches[inside] == wall) and not np.any(patches[~inside] == plate)
 
 
 def test_a_step_below_the_limit_is_passed_over() -> None:

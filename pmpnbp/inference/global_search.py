@@ -180,7 +180,7 @@ def _settled(
     best = int(score.argmax())
     roots, joints, score = rivals.roots.copy(), rivals.joints.copy(), score.copy()
     roots[best], joints[best], score[best] = sweep(rng, problem, roots[best], joints[best], plan, tight, SWEEPS)
-    return replace(rivals, roots=roots, joints=joints, part_poses=problem.mrf.model.part_poses(roots, joints)), score
+    return replace(rivals, roots=roots, joints=joints, part_poses=problem.mrf.part_poses(roots, joints)), score
 
 
 def _with_a_joint_elsewhere(
@@ -192,7 +192,7 @@ def _with_a_joint_elsewhere(
     best = np.argsort(-score, axis=None, kind="stable")[: min(most, np.isfinite(score).sum())]
     row, moved = np.unravel_index(best, score.shape)
     others, chosen = finalists.taken(row), joints[row, moved]
-    return replace(others, joints=chosen, part_poses=problem.mrf.model.part_poses(others.roots, chosen))
+    return replace(others, joints=chosen, part_poses=problem.mrf.part_poses(others.roots, chosen))
 
 
 def _tight(problem: Problem) -> float:
@@ -205,7 +205,7 @@ def _polished(
 ) -> tuple[Hypotheses, Array]:
     """Hypotheses moved to their best places at a tolerance, and their whole-object scores there."""
     roots, joints, score = polish(rng, problem, tried.roots, tried.joints, plan, tolerance, rounds)
-    return replace(tried, roots=roots, joints=joints, part_poses=problem.mrf.model.part_poses(roots, joints)), score
+    return replace(tried, roots=roots, joints=joints, part_poses=problem.mrf.part_poses(roots, joints)), score
 
 
 def _proposals(

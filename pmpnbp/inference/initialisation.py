@@ -31,7 +31,7 @@ def start(rng: np.random.Generator, problem: Problem) -> State:
         return State(iteration=0, belief=_unweighted(_on_the_scan(rng, problem, (mrf.nodes, count)), None))
     joints = random_joints(rng, problem, count)
     roots = _on_the_scan(rng, problem, (count,)) if uniform else prior_roots(rng, problem, joints)
-    return State(iteration=0, belief=_unweighted(np.swapaxes(mrf.model.part_poses(roots, joints), 0, 1), joints))
+    return State(iteration=0, belief=_unweighted(np.swapaxes(mrf.part_poses(roots, joints), 0, 1), joints))
 
 
 def _unweighted(particles: Array, joints: Array | None) -> Belief:
@@ -90,7 +90,7 @@ def prior_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> Ar
         prior.std_xyz * rng.standard_normal((count, 3)),
         prior.std_rpy * rng.standard_normal((count, 3)),
     )
-    pose_root_part = problem.mrf.model.part_poses(poses.IDENTITY, joints)[..., problem.prior_node, :]
+    pose_root_part = problem.mrf.part_poses(poses.IDENTITY, joints)[..., problem.prior_node, :]
     return poses.multiply(drawn, poses.inverse(pose_root_part))
 
 
@@ -105,7 +105,7 @@ def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> 
     prior, observation = problem.prior, problem.observation
     assert isinstance(prior, UniformPrior)
     count = len(joints)
-    part_poses = problem.mrf.model.part_poses(poses.IDENTITY, joints)
+    part_poses = problem.mrf.part_poses(poses.IDENTITY, joints)
     areas = np.array([area(part.inference_mesh) for part in problem.mrf.model.parts])
     points, normals = np.empty((count, 3)), np.empty((count, 3))
     seen = np.empty(count, dtype=np.int64)

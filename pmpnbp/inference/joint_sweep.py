@@ -59,7 +59,7 @@ def elsewhere(
     of its positions that are well away from its present one, then with three of them moved (see `half_turns`); and
     their scores (H, J), -inf where a joint has no such place."""
     model, mrf, many = problem.mrf.model, problem.mrf, len(roots)
-    part_poses = model.part_poses(roots, joints)
+    part_poses = mrf.part_poses(roots, joints)
     repeated, rows = np.repeat(roots[:, None], 2 * POSITIONS, axis=1), np.arange(many)
     found, scores = [], []
     for number in mrf.tree:
@@ -75,7 +75,7 @@ def elsewhere(
             carried = np.repeat(joints[:, None], POSITIONS, axis=1)
             carried[..., coordinate] = positions
             moved = np.repeat(part_poses[:, None], POSITIONS, axis=1)
-            moved[:, :, edge.child] = model.part_poses(roots[:, None], carried)[:, :, edge.child]
+            moved[:, :, edge.child] = mrf.part_poses(roots[:, None], carried)[:, :, edge.child]
             _, kept = assemble(mrf, moved.reshape(-1, *part_poses.shape[1:]), 0)
             tried = np.concatenate([carried, kept.reshape(carried.shape)], axis=1)
             far = np.tile(gap > APART * span, 2)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.tree_table import tree_table
 from pmpnbp.potentials.kernels import kinematics
+from pmpnbp.potentials.kernels.tree import Tree, place
 from pmpnbp.potentials.pairwise import EdgeTable, edge_table
 from pmpnbp.scene.articulated_object import ArticulatedObject
 
@@ -27,6 +30,7 @@ class Mrf:
     feeding : (E,) lists: the messages u → sender[e] with u other than receiver[e] (box 1 step 2c)
     table : the edges as the pairwise potential's sums take them
     tree : numbers of the edges that first reach their child; the others close loops
+    tree_table : these edges as the kernels over the whole tree take them
     depth : joints between the root and the part farthest from it
     centres, radii : (N, 3), (N,) metres, middle of each part's bounding box and its half diagonal
     """
@@ -38,6 +42,7 @@ class Mrf:
     incoming: tuple[tuple[int, ...], ...]
     feeding: tuple[tuple[int, ...], ...]
     tree: tuple[int, ...]
+    tree_table: Tree
     depth: int
     centres: Array
     radii: Array
@@ -57,6 +62,19 @@ class Mrf:
     def axes_per_edge(self) -> int:
         """Largest number K of axes of an edge."""
         return self.before.shape[1]
+
+    def part_poses(self, pose_world_root: Array, joint_positions: Array) -> Array:
+        """`ArticulatedObject.part_poses`, compiled: (..., N, 7) from (..., 7) and (..., D), which broadcast."""
+        shape = np.broadcast_shapes(pose_world_root.shape[:-1], joint_positions.shape[:-1])
+        count = math.prod(shape)
+        out = np.empty((count, self.nodes, 7))
+        roots, joints = (
+            # a kernel would be compiled once more for read-only arrays
+            np.require(np.broadcast_to(given, (*shape, width)).reshape(count, width), np.float64, ["C", "W"])
+            for given, width in ((pose_world_root, 7), (joint_positions, self.model.dof))
+        )
+        place(self.tree_table, roots, joints, out)
+        return out.reshape(*shape, self.nodes, 7)
 
     def across(self, message: NDArray[np.int32], poses_receiver: Array, axis_positions: Array) -> Array:
         """Poses of the sender's part (G, M, D, 7) for poses of the receiver's (G, M, 7) and axis positions
@@ -112,6 +130,7 @@ def build(model: ArticulatedObject) -> Mrf:
         incoming=incoming,
         feeding=feeding,
         tree=tree,
+        tree_table=tree_table([edges[number] for number in tree], len(model.parts)),
         depth=_depth(model, tree),
         centres=centres,
         radii=radii,

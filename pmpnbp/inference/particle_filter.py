@@ -75,7 +75,7 @@ def _weighed(
     """The particles with their weights, which are those of whole objects and so the same for every part, and the factor
     on the log potential. The prior is not tempered."""
     settings, nodes = problem.settings, problem.mrf.nodes
-    part_poses = problem.mrf.model.part_poses(roots, joints)
+    part_poses = problem.mrf.part_poses(roots, joints)
     score = problem.score(plan.tolerance)
     unary = object_scores(problem.observation, problem.surfaces, part_poses, score, problem.nuisances)
     share = settings.effective_share

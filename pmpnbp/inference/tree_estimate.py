@@ -8,6 +8,7 @@ the estimate of the iteration before, and small variations of the best are rende
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
@@ -18,6 +19,7 @@ from pmpnbp.inference.nuisance_fit import fitted
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import register
 from pmpnbp.potentials.joint_projection import LENGTH_PER_RADIAN, closest_axes
+from pmpnbp.potentials.kernels import tree as kernel
 from pmpnbp.potentials.unary import object_scores
 from pmpnbp.settings import Schedule
 
@@ -44,7 +46,6 @@ def improve(
     Without the setting `object_estimate` (the paper): the best particle of each part, which need not agree
     with a tree, and no score (NaN); where particles are whole objects, the best of these.
     """
-    model = problem.mrf.model
     best = belief.log_weights.argmax(axis=1)
     best_poses = belief.poses[np.arange(len(best)), best]
     if not problem.settings.object_estimate:
@@ -56,8 +57,8 @@ def improve(
     means = np.stack([_local_mean(belief, node, int(best[node]), plan) for node in range(problem.mrf.nodes)])
     both = np.stack([best_poses, means])
     anchors = rng.permutation(len(best))[:ANCHORS]
-    found = [assemble(problem.mrf, both, int(anchor)) for anchor in anchors]
-    roots, joints = np.concatenate([r for r, _ in found]), np.concatenate([q for _, q in found])
+    asked = np.tile(both, (len(anchors), 1, 1))
+    roots, joints = assemble(problem.mrf, asked, np.repeat(anchors, len(both)))
     if state.root is not None and state.joints is not None:
         roots, joints = np.concatenate([roots, state.root[None]]), np.concatenate([joints, state.joints[None]])
     top = configuration_scores(problem, roots, joints, plan.tolerance).argmax()
@@ -65,7 +66,7 @@ def improve(
     root, q, score, nuisances = roots[0], joints[0], float(scores[0]), None
     if problem.nuisances is not None:
         root, q, nuisances, score = fitted(rng, problem, root, q, plan, plan.tolerance)
-    return root, q, model.part_poses(root, q), score, nuisances
+    return root, q, problem.mrf.part_poses(root, q), score, nuisances
 
 
 def polish(
@@ -98,38 +99,44 @@ def polish(
 
 def configuration_scores(problem: Problem, roots: Array, joints: Array, tolerance: float) -> Array:
     """Whole-object log scores (C,) of root poses (C, 7) and joint vectors (C, D), the prior included."""
-    part_poses = problem.mrf.model.part_poses(roots, joints)
+    part_poses = problem.mrf.part_poses(roots, joints)
     pixel_score = problem.score(tolerance)
     score = object_scores(problem.observation, problem.surfaces, part_poses, pixel_score, problem.nuisances)
     return problem.plus_prior(score, part_poses[:, problem.prior_node])
 
 
-def assemble(mrf: Mrf, part_poses: Array, anchor: int) -> tuple[Array, Array]:
-    """Root poses (C, 7) and joint vectors (C, D) that keep part `anchor` where `part_poses` (C, N, 7) has it and bring
-    every other part, outwards from it, as near to its given pose as its joint allows."""
-    model = mrf.model
-    joints = np.tile(np.clip(0.0, model.lower, model.upper), (len(part_poses), 1))
+def assemble(mrf: Mrf, part_poses: Array, anchor: NDArray[np.int64] | int) -> tuple[Array, Array]:
+    """Root poses (C, 7) and joint vectors (C, D) that keep part `anchor`, or part `anchor` (C,) of each, where
+    `part_poses` (C, N, 7) has it and bring every other part, outwards from it, as near to its given pose as its joint
+    allows."""
+    anchors = np.full(len(part_poses), anchor, dtype=np.int64)
+    joints = np.tile(np.clip(0.0, mrf.model.lower, mrf.model.upper), (len(part_poses), 1))
+    roots = np.empty((len(part_poses), 7))
+    if mrf.tree_table.before.shape[1] == 1:
+        kernel.assemble(mrf.tree_table, np.require(part_poses, np.float64, ["C", "W"]), anchors, roots, joints)
+        return roots, joints
+    for part in np.unique(anchors):
+        rows = anchors == part
+        roots[rows], joints[rows] = assembled_from(mrf, part_poses[rows], joints[rows], int(part))
+    return roots, joints
+
+
+def assembled_from(mrf: Mrf, part_poses: Array, joints: Array, anchor: int) -> tuple[Array, Array]:
+    """`assemble` for edges of any number of axes, from one part outwards. `joints` (C, D) says where those stay that
+    move no axis."""
+    model, table, joints = mrf.model, mrf.tree_table, joints.copy()
     placed = {anchor: part_poses[:, anchor]}
-    waiting = [model.edges[number] for number in mrf.tree]
-    while waiting:
-        later = []
-        for edge in waiting:
-            if edge.parent not in placed and edge.child not in placed:
-                later.append(edge)
-                continue
-            outward = edge.parent in placed
-            here, there = (edge.parent, edge.child) if outward else (edge.child, edge.parent)
-            parent, child = placed[here], part_poses[:, there]
-            if not outward:
-                parent, child = child, parent
-            axes = closest_axes(edge, poses.multiply(poses.inverse(parent), child))
-            relative = edge.pose_parent_child(axes)
-            placed[there] = poses.multiply(placed[here], relative if outward else poses.inverse(relative))
-            coordinates, positions = edge.joint_positions(axes)
-            joints[:, coordinates] = positions
-        if len(later) == len(waiting):
-            break
-        waiting = later
+    for number, outward in zip(table.order[anchor], table.outward[anchor], strict=True):
+        edge = model.edges[mrf.tree[number]]
+        here, there = (edge.parent, edge.child) if outward else (edge.child, edge.parent)
+        parent, child = placed[here], part_poses[:, there]
+        if not outward:
+            parent, child = child, parent
+        axes = closest_axes(edge, poses.multiply(poses.inverse(parent), child))
+        relative = edge.pose_parent_child(axes)
+        placed[there] = poses.multiply(placed[here], relative if outward else poses.inverse(relative))
+        coordinates, positions = edge.joint_positions(axes)
+        joints[:, coordinates] = positions
     return placed[0], joints
 
 
@@ -148,37 +155,31 @@ def vary(
     scale = np.exp(rng.uniform(np.log(SHORTEST), 0.0, (many, count, 1)))
     noise = rng.standard_normal((many, count, 6)) * (rng.random((many, count, 6)) < MOVED) * scale
     shift, turn = plan.diffusion_position * noise[..., :3], plan.diffusion_rotation * noise[..., 3:]
-    at_once, root_rows, part_rows, joint_rows = np.array_split(np.arange(count), 4)
+    at_once, _, part_rows, joint_rows = (len(rows) for rows in np.array_split(np.arange(count), 4))
     reach = np.where(problem.joint_turns, plan.diffusion_position / LENGTH_PER_RADIAN, plan.diffusion_position)
-    some = rng.random((many, len(at_once), model.dof)) < MOVED
-    turned = reach * scale[:, at_once] * rng.standard_normal(some.shape) * some
-    new_roots = [poses.perturb(roots[:, None], shift[:, at_once], turn[:, at_once], mrf.centres[0])]
-    new_joints = [within_limits(joints[:, None] + turned, model.lower, model.upper, model.wraps)]
-    part_poses = model.part_poses(roots, joints)[:, None]
-    for rows, anchor in ((root_rows, 0), (part_rows, int(rng.integers(mrf.nodes)))):
-        moved = np.tile(part_poses, (1, len(rows), 1, 1))
-        moved[:, :, anchor] = poses.perturb(moved[:, :, anchor], shift[:, rows], turn[:, rows], mrf.centres[anchor])
-        _put_together(mrf, moved, anchor, new_roots, new_joints)
-    moved = np.tile(part_poses, (1, len(joint_rows), 1, 1))
-    anchor = 0
+    some = rng.random((many, at_once, model.dof)) < MOVED
+    turned = reach * scale[:, :at_once] * rng.standard_normal(some.shape) * some
+    along = count - joint_rows
+    anchor, rows = np.zeros(count, dtype=np.int64), np.arange(along)
+    anchor[along - part_rows : along] = rng.integers(mrf.nodes)
+    moved = np.repeat(mrf.part_poses(roots, joints)[:, None], count, axis=1)
+    one, centres = moved[:, rows, anchor[rows]], mrf.centres[anchor[rows]]
+    moved[:, rows, anchor[rows]] = poses.perturb(one, shift[:, rows], turn[:, rows], centres)
     if model.edges:
         edge = model.edges[int(rng.integers(len(model.edges)))]
-        anchor = edge.parent
-        step = np.where(edge.revolute, JOINT_STEP / max(mrf.radii[anchor], LEAST_LEVER), JOINT_STEP)
-        noise = scale[:, joint_rows] * rng.standard_normal((many, len(joint_rows), len(step)))
+        anchor[along:] = edge.parent
+        step = np.where(edge.revolute, JOINT_STEP / max(mrf.radii[edge.parent], LEAST_LEVER), JOINT_STEP)
+        noise = scale[:, along:] * rng.standard_normal((many, joint_rows, len(step)))
         axes = edge.axis_positions(joints)[:, None] + step * noise
         relative = edge.pose_parent_child(within_limits(axes, edge.lower, edge.upper, edge.wraps))
-        moved[:, :, anchor] = poses.multiply(moved[:, :, edge.child], poses.inverse(relative))
-    _put_together(mrf, moved, anchor, new_roots, new_joints)
-    return np.concatenate(new_roots, axis=1), np.concatenate(new_joints, axis=1)
-
-
-def _put_together(mrf: Mrf, moved: Array, anchor: int, new_roots: list[Array], new_joints: list[Array]) -> None:
-    """Append what `assemble` makes of part poses (H, C, N, 7)."""
-    shape = moved.shape[:2]
-    roots, joints = assemble(mrf, moved.reshape(-1, *moved.shape[2:]), anchor)
-    new_roots.append(roots.reshape(*shape, 7))
-    new_joints.append(joints.reshape(*shape, joints.shape[-1]))
+        moved[:, along:, edge.parent] = poses.multiply(moved[:, along:, edge.child], poses.inverse(relative))
+    apart = moved[:, at_once:].reshape(-1, mrf.nodes, 7)
+    put, its_joints = assemble(mrf, apart, np.tile(anchor[at_once:], many))
+    new_joints = within_limits(joints[:, None] + turned, model.lower, model.upper, model.wraps)
+    return (
+        np.concatenate([moved[:, :at_once, 0], put.reshape(many, count - at_once, 7)], axis=1),
+        np.concatenate([new_joints, its_joints.reshape(many, count - at_once, model.dof)], axis=1),
+    )
 
 
 def _local_mean(belief: Belief, node: int, best: int, plan: Schedule) -> Array:

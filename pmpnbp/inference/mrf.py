@@ -65,14 +65,16 @@ class Mrf:
 
     def part_poses(self, pose_world_root: Array, joint_positions: Array) -> Array:
         """`ArticulatedObject.part_poses`, compiled: (..., N, 7) from (..., 7) and (..., D), which broadcast."""
-        shape = np.broadcast_shapes(pose_world_root.shape[:-1], joint_positions.shape[:-1])
+        shape = joint_positions.shape[:-1]
+        if pose_world_root.shape[:-1] != shape:
+            shape = np.broadcast_shapes(pose_world_root.shape[:-1], shape)
+            pose_world_root = np.broadcast_to(pose_world_root, (*shape, 7))
+            joint_positions = np.broadcast_to(joint_positions, (*shape, self.model.dof))
         count = math.prod(shape)
+        # a kernel would be compiled once more for read-only arrays
+        roots = np.require(pose_world_root.reshape(count, 7), np.float64, ["C", "W"])
+        joints = np.require(joint_positions.reshape(count, self.model.dof), np.float64, ["C", "W"])
         out = np.empty((count, self.nodes, 7))
-        roots, joints = (
-            # a kernel would be compiled once more for read-only arrays
-            np.require(np.broadcast_to(given, (*shape, width)).reshape(count, width), np.float64, ["C", "W"])
-            for given, width in ((pose_world_root, 7), (joint_positions, self.model.dof))
-        )
         place(self.tree_table, roots, joints, out)
         return out.reshape(*shape, self.nodes, 7)
 

@@ -41,16 +41,22 @@ def direction_cell(x: float, y: float, z: float, size: int) -> int:
 
 
 @inner(error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
-def _sum_points(points: Any, used: int, m: Any, lens: Any, image: Any, size: Any, terms: Any, robust: bool) -> Any:
-    """Sum over the points of the pixel scores, each times 1/z². points : (3, P); m, lens, size in float32."""
+def _sum_points(
+    points: Any, start: Any, apart: Any, used: int, m: Any, lens: Any, image: Any, size: Any, terms: Any, robust: bool
+) -> Any:
+    """Sum over the points of the pixel scores, each times 1/z². m, lens, size in float32.
+
+    points : flat, x of the first point at `start`, y and z `apart` and twice `apart` further on, unsigned: a signed
+        index would be asked for each point whether it counts from the end
+    """
     m00, m01, m02, m10, m11, m12, m20, m21, m22, tx, ty, tz = m
     fx, fy, cx, cy = lens
     columns, rows = size
     last_column, last_row = columns - _ONE, rows - _ONE
-    xs, ys, zs = points[0], points[1], points[2]
     total: Any = _ZERO
     for k in range(used):
-        x, y, z = xs[k], ys[k], zs[k]
+        at = start + np.uint64(k)
+        x, y, z = points[at], points[at + apart], points[at + apart + apart]
         depth = m20 * x + m21 * y + m22 * z + tz
         seen = depth > NEAREST
         inverse = _ONE / (depth if seen else _ONE)
@@ -73,17 +79,20 @@ def _sum_points(points: Any, used: int, m: Any, lens: Any, image: Any, size: Any
 def _add_range(
     start: int, stop: int, image: Any, splats: Any, part: Any, poses: Any, terms: Any, robust: bool, used: int, out: Any
 ) -> None:
-    packed, lens, pose_camera_world, _, _ = image
+    packed, lens, q, _, _ = image
     points, areas, centres = splats
     size = (np.float32(packed.shape[1]), np.float32(packed.shape[0]))
-    pixels = packed.ravel()
+    # in the loop no array is sliced: threads would count the references to it in memory they share
+    pixels, flat = packed.ravel(), points.ravel()
+    apart, camera = np.uint64(points.shape[3]), (q[0], q[1], q[2], q[3], q[4], q[5], q[6])
     grid = int(round(np.sqrt(areas.shape[1])))
     # half a pixel to round by floor, one for the packed image's border
     lens32 = (np.float32(lens[0]), np.float32(lens[1]), np.float32(lens[2] + 1.5), np.float32(lens[3] + 1.5))
     terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4])
     for i in range(start, stop):
         node = part[i]
-        m = pose_in_camera(pose_camera_world, poses[i])
+        pose = poses[i, 0], poses[i, 1], poses[i, 2], poses[i, 3], poses[i, 4], poses[i, 5], poses[i, 6]
+        m = pose_in_camera(camera, pose)
         a, b, c = centres[node, 0], centres[node, 1], centres[node, 2]
         x = m[0] * a + m[1] * b + m[2] * c + m[9]
         y = m[3] * a + m[4] * b + m[5] * c + m[10]
@@ -93,10 +102,11 @@ def _add_range(
         cell = direction_cell(along_x, along_y, m[2] * x + m[5] * y + m[8] * z, grid)
         area = areas[node, cell]
         if area > 0.0:
+            first = np.uint64(node * areas.shape[1] + cell) * np.uint64(3) * apart
             if robust:
-                total = _sum_points(points[node, cell], used, single(m), lens32, pixels, size, terms32, True)
+                total = _sum_points(flat, first, apart, used, single(m), lens32, pixels, size, terms32, True)
             else:
-                total = _sum_points(points[node, cell], used, single(m), lens32, pixels, size, terms32, False)
+                total = _sum_points(flat, first, apart, used, single(m), lens32, pixels, size, terms32, False)
             # a surface that a similarity enlarges covers as much more
             area *= m[0] * m[0] + m[3] * m[3] + m[6] * m[6]
             out[i] += float(total) * area * lens[0] * lens[1] / used

@@ -37,12 +37,12 @@ def cell_direction(cell: int, size: int) -> Any:
 @inner(error_model="numpy")
 def _even_bits(code: int) -> int:
     """The number whose bits are the even bits of `code`."""
-    value, place = 0, 0
-    while code:
-        value |= (code & 1) << place
-        code >>= 2
-        place += 1
-    return value
+    # neighbours move together, in pairs, fours, eights and sixteens
+    code &= 0x55555555
+    code = (code | code >> 1) & 0x33333333
+    code = (code | code >> 2) & 0x0F0F0F0F
+    code = (code | code >> 4) & 0x00FF00FF
+    return (code | code >> 8) & 0x0000FFFF
 
 
 @inner(error_model="numpy")

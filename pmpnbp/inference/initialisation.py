@@ -14,7 +14,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import START, Belief, Origin, State
 from pmpnbp.inference.problem import Problem
 from pmpnbp.scene.prior import UniformPrior
-from pmpnbp.scene.surface_points import area, drawn_points
+from pmpnbp.scene.surface_points import drawn_points, surface
 
 # How often pairs of points whose inclinations differ are drawn again, and by how much the z components of their
 # normals may differ.
@@ -106,7 +106,8 @@ def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> 
     assert isinstance(prior, UniformPrior)
     count = len(joints)
     part_poses = problem.mrf.part_poses(poses.IDENTITY, joints)
-    areas = np.array([area(part.inference_mesh) for part in problem.mrf.model.parts])
+    surfaces = [surface(part.inference_mesh) for part in problem.mrf.model.parts]
+    areas = np.array([each.area for each in surfaces])
     points, normals = np.empty((count, 3)), np.empty((count, 3))
     seen = np.empty(count, dtype=np.int64)
     upright_world = upright(observation.up)
@@ -116,8 +117,8 @@ def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> 
         node = rng.choice(len(areas), size=len(waiting), p=areas / areas.sum())
         for part in np.unique(node):
             rows = waiting[node == part]
-            surface, normal = drawn_points(rng, problem.mrf.model.parts[part].inference_mesh, len(rows))
-            points[rows] = poses.transform_points(part_poses[rows, part], surface)
+            point, normal = drawn_points(rng, surfaces[part], len(rows))
+            points[rows] = poses.transform_points(part_poses[rows, part], point)
             normals[rows] = poses.rotate(part_poses[rows, part, 3:], normal)
         seen[waiting] = rng.integers(len(observation.points), size=len(waiting))
         if prior.orientation == "any":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,17 +23,32 @@ def even_points(mesh: Mesh, count: int) -> Array:
     return _within(mesh, face, (steps[:, None] * np.array([0.7548776662466927, 0.5698402909980532])) % 1.0)
 
 
-def drawn_points(rng: np.random.Generator, mesh: Mesh, count: int) -> tuple[Array, Array]:
-    """Points and outward normals (count, 3), uniform over the surface."""
+@dataclass(frozen=True)
+class Surface:
+    """A mesh made ready to draw points from. normals : (F, 3) outward, unit length; areas : (F,) square metres"""
+
+    mesh: Mesh
+    normals: Array
+    areas: Array
+
+    @property
+    def area(self) -> float:
+        """Square metres."""
+        return float(self.areas.sum())
+
+
+def surface(mesh: Mesh) -> Surface:
+    """The surface of a mesh."""
     cross = _crosses(mesh)
     length = np.linalg.norm(cross, axis=1)
-    face = rng.choice(len(length), size=count, p=length / length.sum())
-    return _within(mesh, face, rng.random((2, count, 1))[..., 0].T), cross[face] / length[face, None]
+    # a face without area has no normal, and is never drawn
+    return Surface(mesh, cross / np.where(length > 0, length, 1.0)[:, None], length / 2)
 
 
-def area(mesh: Mesh) -> float:
-    """Square metres."""
-    return float(np.linalg.norm(_crosses(mesh), axis=1).sum() / 2) if len(mesh.faces) else 0.0
+def drawn_points(rng: np.random.Generator, of: Surface, count: int) -> tuple[Array, Array]:
+    """Points and outward normals (count, 3), uniform over the surface."""
+    face = rng.choice(len(of.areas), size=count, p=of.areas / of.areas.sum())
+    return _within(of.mesh, face, rng.random((2, count, 1))[..., 0].T), of.normals[face]
 
 
 def _crosses(mesh: Mesh) -> Array:

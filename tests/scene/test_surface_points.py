@@ -7,7 +7,7 @@ import pytest
 
 from pmpnbp.scene.articulated_object import Mesh
 from pmpnbp.scene.meshes import box
-from pmpnbp.scene.surface_points import area, drawn_points, even_points
+from pmpnbp.scene.surface_points import drawn_points, even_points, surface
 
 HALF = np.array([0.5, 1.0, 2.0])
 MESH = box(2 * HALF)
@@ -28,7 +28,7 @@ def test_even_points_lie_on_the_surface_in_proportion_to_area() -> None:
 def test_drawn_points_are_uniform_and_their_normals_point_out(rng: np.random.Generator) -> None:
     """Counts on the faces are multinomial: 14000 draws give 8000, 4000 and 2000 with standard deviations of at most 59;
     they are met within five (false alarms below one in a million)."""
-    points, normals = drawn_points(rng, MESH, 14_000)
+    points, normals = drawn_points(rng, surface(MESH), 14_000)
     on_face = np.isclose(np.abs(points), HALF)
     np.testing.assert_allclose(on_face.sum(axis=0), [8000, 4000, 2000], atol=5 * 59)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-12)
@@ -38,5 +38,5 @@ def test_drawn_points_are_uniform_and_their_normals_point_out(rng: np.random.Gen
 
 
 def test_area_is_the_sum_of_the_faces() -> None:
-    assert area(MESH) == pytest.approx(2 * (8 + 4 + 2))
-    assert area(Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32))) == 0.0
+    assert surface(MESH).area == pytest.approx(2 * (8 + 4 + 2))
+    assert surface(Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32))).area == 0.0

@@ -48,7 +48,10 @@ def sweep(
             break
         roots, moved = np.concatenate([root[None], roots[kept]]), np.concatenate([joints[None], moved[kept]])
         roots, moved, score = polish(rng, problem, roots, moved, plan, tolerance, LAST_ROUNDS)
-        root, joints = roots[score.argmax()], moved[score.argmax()]
+        best = int(score.argmax())
+        root, joints = roots[best], moved[best]
+        if best == 0:  # no other place is better
+            break
     return root, joints, float(configuration_scores(problem, root[None], joints[None], tolerance)[0])
 
 

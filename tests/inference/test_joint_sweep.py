@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pmpnbp.inference import joint_sweep
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference.joint_sweep import APART, elsewhere, sweep
 from pmpnbp.inference.problem import Problem
@@ -49,6 +50,24 @@ def test_the_truth_stays(chain: tuple[Problem, np.ndarray, np.ndarray]) -> None:
     _, found, score = sweep(np.random.default_rng(0), problem, root, truth, search_end(problem), TOLERANCE, 3)
     assert score >= before
     np.testing.assert_allclose(found, truth, atol=0.15)  # its wrong place is 1.2 away and more
+
+
+def test_a_step_that_finds_no_better_place_is_the_last(
+    chain: tuple[Problem, np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Even where every other place is polished before it is dropped."""
+    problem, root, truth = chain
+    steps = []
+
+    def counted(*arguments: object) -> object:
+        steps.append(arguments)
+        return elsewhere(*arguments)
+
+    monkeypatch.setattr(joint_sweep, "elsewhere", counted)
+    monkeypatch.setattr(joint_sweep, "LOSS_BEFORE", 100.0)
+    monkeypatch.setattr(joint_sweep, "LOSS_AFTER", 100.0)
+    sweep(np.random.default_rng(0), problem, root, truth, search_end(problem), TOLERANCE, 3)
+    assert len(steps) == 1
 
 
 def test_no_joint_may_move_when_none_is_asked_for(chain: tuple[Problem, np.ndarray, np.ndarray]) -> None:

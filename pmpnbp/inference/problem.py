@@ -37,6 +37,7 @@ class Problem:
     joint_turns : (D,) whether a coordinate is an angle
     method : one of `settings.METHODS`
     noise : standard deviation of the scan's depths at the object, metres, see `scene/depth_noise.py`
+    unit_distance : metres from the cameras to what may be the object, in the median: a pixel there counts 1
     nuisance_std : (K,) prior standard deviations of the nuisances, see `potentials/nuisances.py`; 0 is fixed
     nuisance_levers : (K,) metres that the object's surface moves for one unit of each
     nuisances : (K,) what they are taken for; None where all are fixed
@@ -55,6 +56,7 @@ class Problem:
     joint_turns: NDArray[np.bool_]
     method: str
     noise: float
+    unit_distance: float
     nuisance_std: Array
     nuisance_levers: Array
     nuisances: Array | None
@@ -101,6 +103,7 @@ class Problem:
             chosen.occlusion_cost,
             chosen.support_reward,
             chosen.continued_reward,
+            self.unit_distance,
         )
 
     def unary(
@@ -173,7 +176,8 @@ def build(
     if settings.continued_reward < 1.0:
         observation = without_longer_surfaces(observation, LONGER * _length(model))
     mrf, views = mrf_module.build(model), observation.views
-    levers = nuisances.levers(np.array([_distance(view) for view in views]), mrf.radii)
+    distances = np.array([_distance(view) for view in views])
+    levers = nuisances.levers(distances, mrf.radii)
     nuisance_std = nuisances.prior_stds(settings, levers, len(views))
     return Problem(
         mrf=mrf,
@@ -189,6 +193,7 @@ def build(
         joint_turns=turns,
         method=method,
         noise=max(map(depth_noise, views), default=0.0),
+        unit_distance=float(np.median(distances)) if len(distances) else 1.0,
         nuisance_std=nuisance_std,
         nuisance_levers=levers,
         nuisances=np.zeros(len(levers)) if nuisance_std.any() else None,

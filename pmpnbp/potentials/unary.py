@@ -39,6 +39,8 @@ class PixelScore:
     support_reward : share of the full reward that a pixel on a support plane can earn
     continued_reward : the same of a pixel on a smooth surface that goes on beyond the object's outline; of a part
         alone, whose outline is not the object's, on a surface longer than the object
+    unit_distance : metres, at which a robust pixel counts 1; elsewhere by the square of its distance, as it covers more
+        or less of a surface: what is near has more pixels of the same evidence
     """
 
     form: Literal["robust", "distance"] = "robust"
@@ -47,18 +49,20 @@ class PixelScore:
     occlusion_cost: float = 0.02
     support_reward: float = 0.1
     continued_reward: float = 0.1
+    unit_distance: float = 1.0
 
     def __post_init__(self) -> None:
         if self.form not in ("robust", "distance"):
             raise ValueError(f"form is {self.form!r}; 'robust' or 'distance' is expected")
-        if not self.tolerance > 0:
-            raise ValueError(f"tolerance is {self.tolerance}; a length above zero is expected")
+        for name in ("tolerance", "unit_distance"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} is {getattr(self, name)}; a length above zero is expected")
 
     @property
     def terms(self) -> NDArray[np.float32]:
-        """tolerance and costs, then rewards, as above and as the kernels take them."""
-        costs = self.free_space_cost, self.occlusion_cost
-        return np.array([self.tolerance, *costs, self.support_reward, self.continued_reward], dtype=np.float32)
+        """tolerance, costs, rewards and unit distance, as above and as the kernels take them."""
+        costs, rewards = (self.free_space_cost, self.occlusion_cost), (self.support_reward, self.continued_reward)
+        return np.array([self.tolerance, *costs, *rewards, self.unit_distance], dtype=np.float32)
 
 
 def unary_scores(

@@ -37,7 +37,7 @@ def linearised(
         after, owner = render(view.camera, problem.surfaces, part_poses[1 + k])
         change = after[pixels] - here
         slopes[k] = np.where((owner[pixels] == part) & (np.abs(change) < STEEPEST * PROBE), change / probe, 0.0)
-    return view.depth[pixels] - here, slopes, reward[pixels]
+    return view.depth[pixels] - here, slopes, reward[pixels] * (here / score.unit_distance) ** 2
 
 
 def normal_equations(

@@ -90,7 +90,7 @@ def test_a_scene_measured_at_a_scale_scores_as_one_that_is_not(rng: np.random.Ge
     number = np.tile(np.arange(3), 20)
     for factor in (0.97, 1.05):
         plain, scaled = (observed(depth_scale) for depth_scale in (1.0, factor))
-        wider = replace(score, tolerance=factor * score.tolerance)
+        wider = replace(score, tolerance=factor * score.tolerance, unit_distance=factor)
         taken = only(scales=factor - 1.0)
         expected = unary_scores(plain, SURFACES, number, tried, score, renderer=renderer)  # type: ignore[arg-type]
         found = unary_scores(scaled, SURFACES, number, tried, wider, renderer=renderer, nuisances=taken)  # type: ignore[arg-type]

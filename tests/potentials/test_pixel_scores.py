@@ -9,7 +9,7 @@ from pmpnbp.potentials.kernels import pixel_scores, reference
 from pmpnbp.scene import observation
 
 TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON = 0.02, 1.0, 0.03, 0.1, 0.2
-TERMS = np.array([TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON], dtype=np.float32)
+TERMS = np.array([TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, 1.0], dtype=np.float32)
 
 
 def test_the_kernels_categories_are_those_of_the_observation() -> None:
@@ -47,6 +47,19 @@ def test_robust_score_of_a_pixel(category: int, difference: float, expected: flo
     fast = pixel_scores.robust_pixel(word, rendered, tuple(TERMS))
     assert slow == pytest.approx(expected, abs=1e-5)
     assert fast == pytest.approx(expected, abs=1e-4)
+
+
+def test_a_pixel_counts_by_what_it_covers_of_a_surface() -> None:
+    """Twice as far away it covers four times as much, and of a surface there are a quarter as many."""
+    terms = np.array([TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, 1.5], dtype=np.float32)
+    for rendered, weight in ((1.5, 1.0), (3.0, 4.0), (0.75, 0.25)):
+        for difference, expected in ((0.0, 1.0), (0.5, -FREE), (-0.5, -OCCLUDED)):
+            observed = np.float32(rendered + difference)
+            word = pixel_scores.pack_view(np.array([[observed]]), np.array([[observation.OBJECT]], dtype=np.uint8))
+            fast = pixel_scores.robust_pixel(word[1, 1], np.float32(rendered), tuple(terms))
+            slow = reference.robust_scores(observed, np.array(observation.OBJECT), np.float32(rendered), terms)
+            assert fast == pytest.approx(weight * expected, rel=1e-4)
+            assert slow == pytest.approx(weight * expected, rel=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -40,6 +40,7 @@ def _compared(room: Any, box: Any, stride: int, image: Any, terms: Any, patch_co
                     reward *= weights[patches[row + 1, column + 1]]
                 if reward > _ZERO:
                     depth = 1.0 / w
+                    reward *= np.float32((depth / terms[5]) ** 2)
                     places[0, count], places[1, count] = row * (packed.shape[1] - 2) + column, room[6][place]
                     lengths[0, count], lengths[1, count] = depth, np.int32(word).view(np.float32) - depth
                     lengths[2, count] = reward
@@ -85,7 +86,7 @@ def _add_range(
     height, width = packed.shape[0] - 2, packed.shape[1] - 2
     view = (lens, pose_camera_world, width, height)
     room = scratch(mesh, width, height)
-    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4])
+    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4], terms[5])
     patch_counts = patch_room(patch_count)
     pixels = (np.empty((2, height * width), dtype=np.int32), np.empty((3, height * width)))
     size = probes.shape[1]

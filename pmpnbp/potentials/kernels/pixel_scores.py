@@ -64,9 +64,10 @@ def pixel_reward(category: Any, support_reward: Any, continued_reward: Any) -> A
 def robust_pixel(word: Any, rendered: Any, terms: Any) -> Any:
     """Score of a covered pixel whose packed observation is `word` and whose rendered depth is `rendered`, float32.
 
-    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, float32
+    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance, float32
+    A pixel counts by what it covers of a surface that faces it: 1 at the unit distance.
     """
-    tolerance, free_space_cost, occlusion_cost, support_reward, continued_reward = terms
+    tolerance, free_space_cost, occlusion_cost, support_reward, continued_reward, unit_distance = terms
     category = word & CATEGORY_BITS
     difference = np.int32(word).view(np.float32) - rendered
     ratio = difference / tolerance
@@ -74,7 +75,8 @@ def robust_pixel(word: Any, rendered: Any, terms: Any) -> Any:
     in_front = free_space_cost if category == SUPPORT else occlusion_cost
     cost = free_space_cost if difference > _ZERO else in_front
     score = reward * (_ONE - ratio * ratio) if abs(difference) < tolerance else -cost
-    return score if category != NO_DEPTH else _ZERO
+    nearness = rendered / unit_distance
+    return score * nearness * nearness if category != NO_DEPTH else _ZERO
 
 
 @kernel(error_model="numpy", fastmath={"nsz", "contract"})

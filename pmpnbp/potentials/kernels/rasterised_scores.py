@@ -61,7 +61,7 @@ def _add_part_range(
     packed, lens, pose_camera_world, _, _ = image
     view = (lens, pose_camera_world, packed.shape[1] - 2, packed.shape[0] - 2)
     room = scratch(mesh, view[2], view[3])
-    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4])
+    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4], terms[5])
     for i in range(start, len(part), step):
         box, stride = draw_part(np.int64(part[i]), poses[i], view, mesh, room)
         if robust:
@@ -97,9 +97,9 @@ def _add_object_range(
     packed, lens, pose_camera_world, patches, count = image
     view = (lens, pose_camera_world, packed.shape[1] - 2, packed.shape[0] - 2)
     room = scratch(mesh, view[2], view[3])
-    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4])
+    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4], terms[5])
     # what lies on a long surface counts by whether that goes on beyond the outline, known here and not part by part
-    whole32 = (terms[0], terms[1], terms[2], terms[3], _ONE)
+    whole32 = (terms[0], terms[1], terms[2], terms[3], _ONE, terms[5])
     patch_counts = patch_room(count)
     weighed = robust and count > 1 and terms[4] < _ONE
     for i in range(start, len(poses), step):
@@ -141,7 +141,7 @@ def add_part_scores(
     image : (packed (h + 2, w + 2), see `pack_view`; lens fx fy cx cy; pose_camera_world (7,); patches (h + 2,
         w + 2), see `pack_patches`; one more than the largest number among them)
     mesh : see `rasteriser`; part : (B,); poses : (B, 7), part in world
-    terms : tolerance, free space cost, occlusion cost, support reward, continued reward
+    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance
     """
     if len(part) < PARALLEL_FROM or get_num_threads() == 1:
         _add_part_range(0, 1, image, mesh, part, poses, terms, robust, out)

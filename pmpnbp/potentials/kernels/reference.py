@@ -19,20 +19,20 @@ Floats = NDArray[np.floating]
 def robust_scores(observed: Floats, category: NDArray[np.uint8], rendered: Floats, terms: Floats) -> Floats:
     """Scores of covered pixels, any shape, from observed and rendered depth in metres and the observation's category.
 
-    terms : tolerance, free space cost, occlusion cost, support reward, continued reward
+    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance
     Within the tolerance 1 - (difference / tolerance)², on a support plane times the support reward, on a surface
     longer than the object times the continued reward, outside the region of interest 0. Observed behind the rendered
     surface: minus the free space cost. Observed in front: minus the occlusion cost, but a part behind a support plane
-    costs as much as one in free space.
+    costs as much as one in free space. All times the square of rendered depth over unit distance.
     """
-    tolerance, free_space_cost, occlusion_cost, support_reward, continued_reward = terms
+    tolerance, free_space_cost, occlusion_cost, support_reward, continued_reward, unit_distance = terms
     difference = observed - rendered
     rewards = {OBJECT: 1.0, SUPPORT: support_reward, CONTINUED: continued_reward}
     reward = np.select([category == what for what in rewards], list(rewards.values()), 0.0)
     in_front = np.where(category == SUPPORT, -free_space_cost, -occlusion_cost)
     outlier = np.where(difference > 0, -free_space_cost, in_front)
     score = np.where(np.abs(difference) < tolerance, reward * (1.0 - (difference / tolerance) ** 2), outlier)
-    return np.where(category == NO_DEPTH, 0.0, score)
+    return np.where(category == NO_DEPTH, 0.0, score) * (rendered / unit_distance) ** 2
 
 
 def distance_scores(observed: Floats, category: NDArray[np.uint8], rendered: Floats, ray_length: Floats) -> Floats:
@@ -125,7 +125,7 @@ def object_score(
     covered = np.isfinite(rendered)
     rendered = np.where(covered, rendered, 0.0)
     if robust and patches is not None:
-        scores = robust_scores(depth, category, rendered, np.append(terms[:4], 1.0))
+        scores = robust_scores(depth, category, rendered, np.array([*terms[:4], 1.0, terms[5]]))
         weights = patch_weights(depth, rendered, patches, terms[0], terms[4])[patches]
         scores = np.where(scores > 0, weights * scores, scores)
     elif robust:

@@ -227,6 +227,18 @@ def _long_chain(rng: np.random.Generator) -> HardScene:
     return HardScene(_floor_scene(rng, urdf, joints, 1.6, 0.5, things=1), urdf)
 
 
+def _chain_of_24(rng: np.random.Generator) -> HardScene:
+    count = 24
+    urdf = models.chain([0.06] * count, [0.045] * count)
+    lowest = -np.inf
+    while lowest < 0.06:  # what lies behind the first link keeps off the floor
+        joints = {f"hinge{n}": rng.uniform(-0.5, 0.5) for n in range(1, count + 1)}
+        joints["hinge1"] = rng.uniform(-0.2, 0.2)
+        surfaces = posed(urdf, joints, poses.IDENTITY)
+        lowest = min(surfaces[f"link{n}"].vertices[:, 2].min() for n in range(2, count + 1))
+    return HardScene(_floor_scene(rng, urdf, joints, 1.6, 0.5, things=1), urdf)
+
+
 def _far(rng: np.random.Generator) -> HardScene:
     urdf, joints, (_, _, height) = _chest(rng)
     scene = _floor_scene(rng, urdf, joints, 2.9, 0.45 * height)
@@ -298,4 +310,5 @@ FAMILIES: dict[str, Callable[[np.random.Generator], HardScene]] = {
     "dimensions": _dimensions,
     "bias": _bias,
     "lying": _lying,
+    "chain_of_24": _chain_of_24,
 }

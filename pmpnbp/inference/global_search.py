@@ -22,6 +22,7 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import log_weights as lw
 from pmpnbp.inference.belief import FLIP, OWN, START, SURFACE, Belief, IterationReport, Origin, State
+from pmpnbp.inference.chain_growth import grow
 from pmpnbp.inference.hypotheses import Hypotheses, Proposals, distinct, walk
 from pmpnbp.inference.initialisation import matched_roots, prior_roots, random_joints
 from pmpnbp.inference.joint_sweep import elsewhere, sweep
@@ -110,7 +111,7 @@ def _searched(rng: np.random.Generator, state: State, problem: Problem) -> tuple
     number = state.iteration + 1
     plan = problem.schedule(number)
     proposals, kept = _proposals(rng, state, problem, plan, number)
-    tried = walk(rng, problem, proposals, plan, kept)
+    tried = grow(rng, problem, proposals, plan) if problem.long_chain else walk(rng, problem, proposals, plan, kept)
     total = problem.plus_prior(tried.unary.sum(axis=1), tried.part_poses[:, problem.prior_node])
     islands = _islands(problem, number)
     order = _ranked(tried, total, islands)

@@ -87,7 +87,7 @@ def walk(
     for number in mrf.tree:
         edge = mrf.model.edges[number]
         settled = edge.axis_positions(joints)
-        if all(c in _coordinates_of(mrf.model.edges[:number]) for c in edge.coordinates):
+        if all(c in coordinates_of(mrf.model.edges[:number]) for c in edge.coordinates):
             trials = [(np.arange(count), settled[:, None])]
         else:
             near = offspring & (rng.random(count) < CAUTION)
@@ -96,7 +96,7 @@ def walk(
                 for rows, all_over in ((np.flatnonzero(near), False), (np.flatnonzero(~near), True))
             ]
         for rows, axes in trials:
-            tried, score = _judged(problem, number, part_poses[rows, edge.parent], axes, plan.tolerance)
+            tried, score = judged(problem, number, part_poses[rows, edge.parent], axes, plan.tolerance)
             pick = _picked(rng, score, rows % 2 == 1)
             pick[stays[rows]] = 0
             each = np.arange(len(rows))
@@ -106,7 +106,8 @@ def walk(
     return Hypotheses(**vars(replace(proposals, joints=joints)), unary=unary, part_poses=part_poses)
 
 
-def _coordinates_of(edges: tuple[Edge, ...]) -> set[int]:
+def coordinates_of(edges: tuple[Edge, ...]) -> set[int]:
+    """Joint coordinates that some of the edges follow."""
     return {int(c) for edge in edges for c in edge.coordinates}
 
 
@@ -127,7 +128,7 @@ def _trials(
     return np.concatenate([*near, stratified_axes(rng, edge, (count,), fresh)], axis=1)
 
 
-def _judged(
+def judged(
     problem: Problem, number: int, parents: Array, axes: Array, tolerance: float
 ) -> tuple[Array, NDArray[np.float64]]:
     """Poses (P, draws, 7) of the child of edge `number` at axis positions (P, draws, K) of parents (P, 7), and its

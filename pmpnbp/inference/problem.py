@@ -24,6 +24,8 @@ from pmpnbp.settings import Schedule, SessionOptions, Settings, check_method, sc
 
 # A smooth surface this many times longer than the object is none of its own.
 LONGER = 1.15
+# The root and the part farthest from it have as many joints between them at least where chains are grown.
+LONG_CHAIN = 13
 # The tolerance is as many standard deviations of the scan's depths at least: less leaves out what is there.
 DEVIATIONS = 2.0
 
@@ -67,11 +69,19 @@ class Problem:
         return isinstance(self.prior, UniformPrior) and self.prior.orientation == "any"
 
     @property
+    def long_chain(self) -> bool:
+        """Whether the object is found link by link, see `inference/chain_growth.py`."""
+        return self.mrf.depth >= LONG_CHAIN
+
+    @property
     def search_iterations(self) -> int:
-        """Iterations of the search: a long chain is found link by link and gets more of them, any orientation twice."""
+        """Iterations of the search: more for more joints in a row, for any orientation twice as many; one where chains
+        are grown, which finds all their links at once."""
         chosen = self.settings
         if chosen.search_iterations == 0:
             return 0
+        if self.long_chain:
+            return 1
         return (1 + self.any_orientation) * chosen.search_iterations + chosen.search_iterations_per_joint * max(
             self.mrf.depth - 2, 0
         )

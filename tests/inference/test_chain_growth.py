@@ -1,0 +1,124 @@
+"""Grown chains: they keep to their joints, reach what a greedy walk misses, and explain nothing twice."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference import chain_growth, hypotheses, initialisation, problem, run
+from pmpnbp.inference.belief import SURFACE
+from pmpnbp.inference.hypotheses import Proposals
+from pmpnbp.inference.problem import Problem
+from pmpnbp.readout.metrics import add, model_points
+from pmpnbp.scene.articulated_object import ArticulatedObject
+from pmpnbp.scene.prior import UniformPrior
+from pmpnbp.settings import schedule
+from tests.inference import small_worlds as worlds
+from tests.inference.test_search import MODELS
+
+TARGET = worlds.hinged_chain(4).part_poses(worlds.at(), np.array([-1.0, 0.3, -0.8]))[3, :3]
+
+
+def proposals(rng: np.random.Generator, made: Problem, roots: Array) -> Proposals:
+    return Proposals(
+        roots=roots,
+        joints=initialisation.random_joints(rng, made, len(roots)),
+        source=np.full(len(roots), SURFACE, dtype=np.uint8),
+        ancestor=np.full(len(roots), -1, dtype=np.int32),
+    )
+
+
+def misleading(node: Array, part_poses: Array) -> Array:
+    """Log unary: the first link likes to lean to one side, the last one to be near a target on the other."""
+    to_target = np.linalg.norm(part_poses[..., :3] - TARGET, axis=-1)
+    return np.where(node == 1, 3.0 * poses.rotate(part_poses[..., 3:], worlds.Z)[..., 0], 0.0) - np.where(
+        node == 3, 50.0 * to_target, 0.0
+    )
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_growing_puts_every_part_where_the_joints_say(rng: np.random.Generator, name: str) -> None:
+    model = MODELS[name]
+    made = worlds.given_unary(model, misleading, worlds.settings())
+    roots = np.concatenate([rng.uniform(-1, 1, (6, 3)), poses.random_quaternions(rng, (6,))], axis=-1)
+    lineage = np.repeat(np.arange(3), 2)
+    chains = chain_growth.grown(rng, made, proposals(rng, made, roots), lineage, 0.03)
+    assert np.all((chains.joints >= model.lower - 1e-9) & (chains.joints <= model.upper + 1e-9))
+    again = model.part_poses(chains.roots, chains.joints)
+    np.testing.assert_allclose(chains.part_poses[..., :3], again[..., :3], atol=1e-9)
+    assert poses.rotation_angle(chains.part_poses[..., 3:], again[..., 3:]).max() < 1e-7
+    nodes = np.arange(len(model.parts))
+    np.testing.assert_allclose(chains.unary, misleading(nodes, chains.part_poses), atol=1e-9)
+
+
+def test_it_finds_the_best_of_all_positions_where_a_walk_does_not(rng: np.random.Generator) -> None:
+    """Two links end in fewer places than CHAINS, so that nothing may be lost."""
+    model = worlds.hinged_chain(4)
+    made = worlds.given_unary(model, misleading, worlds.settings())
+    root = worlds.at()[None]
+    strata = (np.arange(chain_growth.DRAWS) + 0.5) / chain_growth.DRAWS
+    every = model.lower + np.array(list(product(strata, repeat=3))) * (model.upper - model.lower)
+    exhaustive = misleading(np.arange(4), model.part_poses(np.tile(root, (len(every), 1)), every)).sum(axis=1).max()
+    chains = chain_growth.grown(rng, made, proposals(rng, made, root), np.zeros(1, dtype=np.int64), 0.03)
+    assert len(chains.roots) <= chain_growth.CHAINS
+    walked = hypotheses.walk(rng, made, proposals(rng, made, np.tile(root, (300, 1))), schedule(made.settings, 1))
+    # a position is a random one of its stratum, and moves the last link by as much as 2 cm
+    assert chains.unary.sum(axis=1).max() > exhaustive - 2.0
+    assert walked.unary.sum(axis=1).max() < exhaustive - 4.0
+
+
+def test_of_those_that_end_alike_the_best_goes_on(rng: np.random.Generator) -> None:
+    score, ends, lineage = rng.standard_normal(200), rng.integers(40, size=200), rng.integers(3, size=200)
+    ends = 3 * ends + lineage
+    expected, alike, room = [], set(), {0: 8, 1: 8, 2: 8}
+    for row in sorted(range(200), key=lambda row: -score[row]):
+        if ends[row] not in alike and room[lineage[row]]:
+            expected.append(row)
+            room[lineage[row]] -= 1
+        alike.add(ends[row])
+    assert chain_growth._best_of_each(score, ends, lineage, 8).tolist() == expected
+
+
+def test_a_link_inside_another_explains_nothing(rng: np.random.Generator) -> None:
+    """Bars 5 cm thick: two are in one place where their middles are nearer than that."""
+    mrf = worlds.given_unary(worlds.hinged_chain(4), misleading, worlds.settings()).mrf
+    part_poses = np.concatenate([rng.uniform(0, 0.2, (9, 4, 3)), poses.random_quaternions(rng, (9, 4))], axis=-1)
+    tried = np.concatenate([rng.uniform(0, 0.2, (9, 5, 3)), poses.random_quaternions(rng, (9, 5))], axis=-1)
+    inside = chain_growth._inside(mrf, part_poses, [0, 1], 3, tried)
+    for row, draw in np.ndindex(inside.shape):
+        middle = poses.transform_points(tried[row, draw], mrf.centres[3])
+        gaps = [np.linalg.norm(middle - poses.transform_points(part_poses[row, k], mrf.centres[k])) for k in (0, 1)]
+        assert inside[row, draw] == (min(gaps) < 0.05)
+    assert 0 < inside.mean() < 1
+
+
+def snake(count: int) -> ArticulatedObject:
+    """A block with `count` bars in a row behind it, 7 cm each, and a larger last one."""
+    bars = worlds.hinged_chain(count + 1, 0.07)
+    foot, bar = (
+        worlds.block([0.2, 0.14, 0.08], worlds.at(0.02, z=0.03)),
+        worlds.block([0.04, 0.03, 0.07], worlds.at(z=0.035)),
+    )
+    surfaces = {f"link{k}": bar for k in range(1, count)} | {"link0": foot}
+    return worlds.articulated(list(bars.joints), surfaces | {f"link{count}": worlds.block([0.12, 0.09, 0.05])})
+
+
+def test_a_long_chain_is_found_in_one_iteration() -> None:
+    model = snake(problem.LONG_CHAIN)
+    root, joints = worlds.at(1.6, 0.1, 0.0, yaw=2.6), np.tile([0.3, 0.2, -0.35, 0.15], 4)[: model.dof]
+    observation = worlds.seen(model, root, joints)
+    hurried = worlds.settings(search_proposals=1000, search_islands=4)
+    made = problem.build(model, observation, UniformPrior("upright"), hurried, particles=100)
+    assert made.long_chain and made.search_iterations == 1
+    report = list(run.iterate(replace(made, seed=1), 1))[-1]
+    truth = model.part_poses(root, joints)
+    errors = [
+        add(model_points(part.mesh), pose, true)
+        for part, pose, true in zip(model.parts, report.map_poses, truth, strict=True)
+    ]
+    assert np.mean(np.array(errors) < 0.02) >= 0.9

@@ -25,7 +25,7 @@ from pmpnbp.settings import Schedule, SessionOptions, Settings, check_method, sc
 # A smooth surface this many times longer than the object is none of its own.
 LONGER = 1.15
 # The root and the part farthest from it have as many joints between them at least where chains are grown.
-LONG_CHAIN = 13
+LONG_CHAIN = 10
 # The tolerance is as many standard deviations of the scan's depths at least: less leaves out what is there.
 DEVIATIONS = 2.0
 

@@ -147,7 +147,7 @@ class Settings:
     search_iterations_per_joint: int = _setting(
         1,
         "iterations",
-        "more of them for every joint beyond the second between the root and the farthest part",
+        "more for every joint in a row beyond the second; chains of ten joints and more take one in all",
         low=0,
         high=100,
     )

@@ -39,6 +39,8 @@ CELL = 2 / 3
 # How the root's places are chosen: so many metres apart, so many of them, the next ones from so many about each.
 ROUNDS = ((0.04, 400), (0.03, 200), (0.03, LINEAGES))
 ABOUT = 24
+# Any orientation has so many times as many places to grow from.
+ANY_ORIENTATION = 4
 # Standard deviation in metres of the variants of a place.
 VARIED = 0.008
 
@@ -86,13 +88,15 @@ def grown(
 
 
 def _starts(rng: np.random.Generator, problem: Problem, proposals: Proposals, tolerance: float) -> Proposals:
-    """At most LINEAGES proposals whose root poses explain most for themselves, moved to where they do best."""
+    """At most LINEAGES proposals whose root poses explain most for themselves, moved to where they do best; for any
+    orientation ANY_ORIENTATION times as many."""
+    more = ANY_ORIENTATION if problem.any_orientation else 1
     for number, (apart, most) in enumerate(ROUNDS):
         if number:
             proposals = _moved(rng, problem, proposals, ABOUT, apart / 2)
         score = _root_scores(problem, proposals.roots, tolerance)
         ends = _cells(rng, problem.mrf, 0, proposals.roots, apart)
-        proposals = proposals.taken(_best_of_each(score, ends, np.zeros(len(score), dtype=np.int64), most))
+        proposals = proposals.taken(_best_of_each(score, ends, np.zeros(len(score), dtype=np.int64), more * most))
     return proposals
 
 

@@ -224,7 +224,7 @@ def _apparent(
         return pose
     camera, views = observation.views[number].camera.pose_world_camera, len(observation.views)
     seen = apparent(nuisances, number, views, np.asarray(camera, dtype=np.float64), pose, parts, surfaces.centres)
-    return np.ascontiguousarray(np.broadcast_to(seen, pose.shape))
+    return np.ascontiguousarray(seen)
 
 
 def _checked(pose: Array, shape: tuple[int, ...]) -> Array:

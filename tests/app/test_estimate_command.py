@@ -62,6 +62,7 @@ def checked(result: dict[str, Any], method: str = "pmpnbp") -> None:
         "seconds",
         "links",
         "joints",
+        "nuisances",
     ]
     assert (result["schema"], result["model"], result["method"]) == ("pmpnbp/estimate-1", "cabinet", method)
     assert set(result["links"]) == {"frame"} | {f"{what}{k}" for what in ("drawer", "handle") for k in (1, 2, 3)}

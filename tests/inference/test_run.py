@@ -189,6 +189,8 @@ def test_the_score_of_two_views_is_the_sum_of_theirs() -> None:
         for some in (scans[:1], scans[1:], scans)
     ]
     near = poses.perturb(truth, np.array([0.01, 0.0, 0.01]), np.array([0.0, 0.02, 0.0]))
+    # a pixel counts 1 at the median distance of what is seen, which is another for each of these
+    made = [replace(each, unit_distance=1.5) for each in made]
     one, other, both = (each.unary(np.arange(3, dtype=np.int32), near, 0.03, "rasteriser") for each in made)
     np.testing.assert_allclose(both, one + other, atol=1e-9)
     assert np.all(one != 0)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.hypotheses import SEARCH_POINTS, Hypotheses, Proposals, coordinates_of, judged
+from pmpnbp.inference.hypotheses import SEARCH_POINTS, Hypotheses, Proposals, follows, judged
 from pmpnbp.inference.mrf import LEAST_LEVER, Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.pairwise import stratified_axes
@@ -65,7 +65,7 @@ def grown(
     start = np.arange(count)
     for place, number in enumerate(mrf.tree):
         edge = mrf.model.edges[number]
-        if all(c in coordinates_of(mrf.model.edges[:number]) for c in edge.coordinates):
+        if follows(mrf.model.edges, number):
             axes = edge.axis_positions(chains.joints)[:, None]
         else:
             axes = stratified_axes(rng, edge, (len(chains.roots),), DRAWS)
@@ -119,14 +119,9 @@ def _inside(mrf: Mrf, part_poses: Array, others: list[int], part: int, tried: Ar
     middle = poses.transform_points(tried, mrf.centres[part])
     taken = poses.transform_points(part_poses[:, others], mrf.centres[others])
     square = (middle**2).sum(-1)[..., None] + (taken**2).sum(-1)[:, None] - 2 * middle @ np.swapaxes(taken, 1, 2)
-    thick = np.array([_thickness(mrf, node) for node in others]) + _thickness(mrf, part)
+    thickness = np.array([each.extents.min() for each in mrf.model.parts])
+    thick = thickness[others] + thickness[part]
     return np.any(square < (thick / 2) ** 2, axis=-1)
-
-
-def _thickness(mrf: Mrf, node: int) -> float:
-    """Metres: the shortest side of the part's box."""
-    vertices = mrf.model.parts[node].mesh.vertices
-    return float(np.ptp(vertices, axis=0).min()) if len(vertices) else 0.0
 
 
 def _open_parts(mrf: Mrf, place: int) -> list[int]:

@@ -87,7 +87,7 @@ def walk(
     for number in mrf.tree:
         edge = mrf.model.edges[number]
         settled = edge.axis_positions(joints)
-        if all(c in coordinates_of(mrf.model.edges[:number]) for c in edge.coordinates):
+        if follows(mrf.model.edges, number):
             trials = [(np.arange(count), settled[:, None])]
         else:
             near = offspring & (rng.random(count) < CAUTION)
@@ -106,9 +106,9 @@ def walk(
     return Hypotheses(**vars(replace(proposals, joints=joints)), unary=unary, part_poses=part_poses)
 
 
-def coordinates_of(edges: tuple[Edge, ...]) -> set[int]:
-    """Joint coordinates that some of the edges follow."""
-    return {int(c) for edge in edges for c in edge.coordinates}
+def follows(edges: tuple[Edge, ...], number: int) -> bool:
+    """Whether the edges before edge `number` move all of its joint coordinates, so that it has no choice."""
+    return {int(c) for c in edges[number].coordinates} <= {int(c) for edge in edges[:number] for c in edge.coordinates}
 
 
 def _trials(

@@ -118,12 +118,7 @@ def build(model: ArticulatedObject) -> Mrf:
         before[row, :k], axes[row, :k], revolute[row, :k] = edge.poses_before, edge.axes, edge.revolute
         after[row] = edge.pose_after
     centres = np.array([part.centre for part in model.parts]).reshape(-1, 3)
-    radii = np.array(
-        [
-            np.linalg.norm(np.ptp(part.mesh.vertices, axis=0)) / 2 if part.visible else UNSEEN_RADIUS
-            for part in model.parts
-        ]
-    )
+    radii = np.array([np.linalg.norm(part.extents) / 2 if part.visible else UNSEEN_RADIUS for part in model.parts])
     return Mrf(
         model=model,
         sender=sender,

@@ -11,7 +11,7 @@ import numpy as np
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
-from pmpnbp.inference.registration import FAR, NARROWEST, NEAR, WIDEST, linearised, moved, widths
+from pmpnbp.inference.registration import FAR, NEAR, linearised, moved, steps_and_draws, widths
 from pmpnbp.potentials.unary import object_scores
 from pmpnbp.settings import Schedule
 
@@ -36,14 +36,8 @@ def fitted(
         taken = problem.taking(nuisances)
         information, gradient = linearised(taken, root[None], joints[None], tolerance, np.array([FAR, NEAR]), free=free)
         gradient[..., -len(free) :] -= precision * nuisances[free]
-        information = information[0] + np.diag(held)
-        whole = np.linalg.solve(information, gradient[0][..., None])[..., 0]
         # outlines have no derivative: draws along what the depths leave free find what they say
-        spread = np.linalg.cholesky(np.linalg.inv(information[1]))
-        scale = np.exp(rng.uniform(np.log(NARROWEST), np.log(WIDEST), (2 * DRAWS, 1)))
-        draws = scale * rng.standard_normal((2 * DRAWS, len(spread))) @ spread.T
-        draws[:DRAWS] += whole[1]
-        steps = np.concatenate([*(share * whole for share in SHARES), draws])
+        steps = steps_and_draws(rng, information + np.diag(held), gradient, SHARES, DRAWS)[0]
         roots, q = (found[0] for found in moved(problem, root[None], joints[None], steps[None, :, : -len(free)]))
         tried = np.tile(nuisances, (len(steps), 1))
         tried[:, free] += steps[:, -len(free) :]

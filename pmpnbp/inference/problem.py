@@ -16,7 +16,7 @@ from pmpnbp.potentials.surfaces import Surfaces, prepare_surfaces
 from pmpnbp.potentials.unary import PixelScore, Renderer, unary_scores
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.depth_noise import depth_noise
-from pmpnbp.scene.observation import OBJECT, Observation, View
+from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.observe import without_longer_surfaces
 from pmpnbp.scene.patches import length
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
@@ -186,7 +186,7 @@ def build(
     if settings.continued_reward < 1.0:
         observation = without_longer_surfaces(observation, LONGER * _length(model))
     mrf, views = mrf_module.build(model), observation.views
-    distances = np.array([_distance(view) for view in views])
+    distances = np.array([view.distance or 1.0 for view in views])
     levers = nuisances.levers(distances, mrf.radii)
     nuisance_std = nuisances.prior_stds(settings, levers, len(views))
     return Problem(
@@ -208,12 +208,6 @@ def build(
         nuisance_levers=levers,
         nuisances=np.zeros(len(levers)) if nuisance_std.any() else None,
     )
-
-
-def _distance(view: View) -> float:
-    """Metres along the camera's axis to what may be the object, in the median."""
-    depth = view.depth[(view.category == OBJECT) & (view.depth > 0)]
-    return float(np.median(depth)) if len(depth) else 1.0
 
 
 def _length(model: ArticulatedObject) -> float:

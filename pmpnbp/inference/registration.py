@@ -10,6 +10,8 @@ The derivatives are differences of renders: joints of any kind, and parts that h
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -51,13 +53,23 @@ def register(
     """
     information, gradient = linearised(problem, roots, joints, tolerance, np.array([FAR, NEAR]))
     information += np.diag(1.0 / widths(problem, plan) ** 2)
+    return moved(problem, roots, joints, steps_and_draws(rng, information, gradient, (1.0, 0.5), count))
+
+
+def steps_and_draws(
+    rng: np.random.Generator, information: Array, gradient: Array, shares: Sequence[float], count: int
+) -> Array:
+    """Moves (H, G S + 2 count, P) by the normal equations (H, G, P, P), (H, G, P) of G gates, the last of them NEAR: of
+    each gate's least squares S shares of the step; then `count` draws about the last gate's whole step and as many
+    about the present place, spread as these least squares leave them."""
+    many = len(information)
     whole = np.linalg.solve(information, gradient[..., None])[..., 0]
-    steps = np.stack([whole, 0.5 * whole], axis=2).reshape(len(roots), 4, -1)
-    spread = np.linalg.cholesky(np.linalg.inv(information[:, 1]))
-    scale = np.exp(rng.uniform(np.log(NARROWEST), np.log(WIDEST), (len(roots), 2 * count, 1)))
-    draws = np.einsum("hij,hcj->hci", spread, scale * rng.standard_normal((len(roots), 2 * count, whole.shape[-1])))
-    draws[:, :count] += whole[:, 1, None]
-    return moved(problem, roots, joints, np.concatenate([steps, draws], axis=1))
+    steps = np.stack([share * whole for share in shares], axis=2).reshape(many, -1, whole.shape[-1])
+    spread = np.linalg.cholesky(np.linalg.inv(information[:, -1]))
+    scale = np.exp(rng.uniform(np.log(NARROWEST), np.log(WIDEST), (many, 2 * count, 1)))
+    draws = np.einsum("hij,hcj->hci", spread, scale * rng.standard_normal((many, 2 * count, whole.shape[-1])))
+    draws[:, :count] += whole[:, -1, None]
+    return np.concatenate([steps, draws], axis=1)
 
 
 def curvature(

@@ -100,7 +100,7 @@ def _exchanged(rng: np.random.Generator, problem: Problem, finalists: Hypotheses
 
 def like_parts(problem: Problem) -> list[tuple[int, int]]:
     """Ordered pairs of parts of about one size."""
-    sizes = np.array([np.sort(_extents(problem, node))[::-1] for node in range(problem.mrf.nodes)])
+    sizes = np.array([np.sort(problem.mrf.model.parts[node].extents)[::-1] for node in range(problem.mrf.nodes)])
     pairs = []
     for one in range(len(sizes)):
         for other in range(len(sizes)):
@@ -111,17 +111,10 @@ def like_parts(problem: Problem) -> list[tuple[int, int]]:
     return pairs
 
 
-def _extents(problem: Problem, node: int) -> Array:
-    """(3,) metres, of the part's bounding box."""
-    vertices = problem.mrf.model.parts[node].mesh.vertices
-    extents: Array = np.ptp(vertices, axis=0) if len(vertices) else np.zeros(3)
-    return extents
-
-
 def _fits(problem: Problem, one: int, other: int) -> list[Array]:
     """Poses (7,) of part `one` in the frame of `other` that lay its bounding box onto that one, longest side to longest
     side, thinnest to thinnest."""
-    a, b = (np.argsort(-_extents(problem, node), kind="stable") for node in (one, other))
+    a, b = (np.argsort(-problem.mrf.model.parts[node].extents, kind="stable") for node in (one, other))
     found = []
     for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
         turn = np.zeros((3, 3))

@@ -60,6 +60,12 @@ class Part:
         used = self.mesh.vertices
         return (used.min(axis=0) + used.max(axis=0)) / 2
 
+    @property
+    def extents(self) -> Array:
+        """(3,) metres: the sides of the part's bounding box, along the part's axes; zero without geometry."""
+        sides: Array = np.ptp(self.mesh.vertices, axis=0) if len(self.mesh.vertices) else np.zeros(3)
+        return sides
+
 
 @dataclass(frozen=True)
 class Joint:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pmpnbp.scene.observation import OBJECT, View
+from pmpnbp.scene.observation import View
 
 # Median of a standard normal deviate's size; variance of a second difference, in those of its pixels.
 NORMAL_MEDIAN, SECOND_DIFFERENCE = 0.6745, 6.0
@@ -17,12 +17,11 @@ def depth_noise(view: View) -> float:
     Noise of depth grows with its square, as that of a disparity does; in inverse depth, linear on planes, it is the
     same everywhere, and is what second differences of neighbours have. Their median passes over steps and bends.
     """
-    depth = view.depth[view.category == OBJECT]
     measured = view.depth > 0
     inverse = np.where(measured, 1.0 / np.where(measured, view.depth, 1.0), np.nan)
     bends = np.concatenate([(a[2:] - 2.0 * a[1:-1] + a[:-2]).ravel() for a in (inverse, inverse.T)])
     bends = np.abs(bends[np.isfinite(bends)])
-    if not len(bends) or not len(depth):
+    if not len(bends) or not view.distance:
         return 0.0
     deviation = np.median(bends) / NORMAL_MEDIAN / np.sqrt(SECOND_DIFFERENCE)
-    return float(deviation * np.median(depth) ** 2)
+    return float(deviation * view.distance**2)

@@ -51,6 +51,12 @@ class View:
         """(h, w): the smooth surface that each pixel lies on, 1, 2, ..., or 0: see `scene/patches.py`."""
         return smooth_patches(self.depth)
 
+    @cached_property
+    def distance(self) -> float:
+        """Metres along the camera's axis to what may be the object, in the median; 0 where nothing is."""
+        depth = self.depth[self.category == OBJECT]
+        return float(np.median(depth)) if len(depth) else 0.0
+
 
 @dataclass(frozen=True)
 class Observation:

@@ -56,15 +56,17 @@ def _grown(patches: NDArray[np.int16], inverse: Array, limit: Array) -> NDArray[
     grown, nearest = patches.copy(), np.where(patches > 0, 0.0, np.inf)
     rows, columns = np.indices(patches.shape)
     axes = np.stack([np.ones(patches.shape), rows, columns], axis=-1)
-    for number in range(1, int(patches.max(initial=0)) + 1):
-        own = patches == number
-        plane, *_ = np.linalg.lstsq(axes[own], inverse[own], rcond=None)
-        off = np.abs(inverse - axes @ plane) / limit
+    for number, box in enumerate(ndimage.find_objects(patches) if patches.size else (), start=1):
+        # no pixel farther away is asked
+        near = tuple(slice(max(side.start - GROWTH, 0), side.stop + GROWTH) for side in box)
+        own, free = patches[near] == number, patches[near] == 0
+        plane, *_ = np.linalg.lstsq(axes[near][own], inverse[near][own], rcond=None)
+        off = np.abs(inverse[near] - axes[near] @ plane) / limit[near]
         if np.mean(off[own] < 1.0) < PLANE:
             continue
-        reached = ndimage.binary_dilation(own, iterations=GROWTH, mask=own | ((patches == 0) & (off < 1.0)))
-        taken = reached & (off < nearest)
-        grown[taken], nearest[taken] = number, off[taken]
+        reached = ndimage.binary_dilation(own, iterations=GROWTH, mask=own | (free & (off < 1.0)))
+        taken = reached & (off < nearest[near])
+        grown[near][taken], nearest[near][taken] = number, off[taken]
     return grown
 
 

@@ -23,6 +23,9 @@ from pmpnbp.errors import PmpnbpError
 OK = 0
 # For requests that are being answered when the server is told to stop; streams end at once.
 STOP_SECONDS = 5
+# Of a connection that says nothing between two requests: longer than programs keep theirs (httpx 5 s, aiohttp 15 s), or
+# the server closes it just as they use it again, and what they get is an error.
+KEEP_ALIVE_SECONDS = 20
 WEBSOCKET_BYTES = 64 << 20
 
 
@@ -111,6 +114,7 @@ def server_for(app: FastAPI, config: ServerConfig, listening: Callable[[], None]
         log_level="warning",
         log_config=None,
         access_log=False,  # a page's link has the token in it
+        timeout_keep_alive=KEEP_ALIVE_SECONDS,
         ws_max_size=WEBSOCKET_BYTES,
         ws_per_message_deflate=False,
         ws_ping_timeout=60.0,  # a pong waits behind what a slow client has not read yet

@@ -5,17 +5,23 @@ import { byId, h, setText } from "../session/dom.js";
 import { openNew } from "./stored.js";
 
 export async function offerSamples() {
-  const scenes = await call("/api/v1/samples").catch(() => []);
-  const select = byId("sample");
+  const asked = call("/api/v1/samples").catch(() => []);
+  // The button is there before the list, and may be clicked before it.
+  byId("first-sample").addEventListener("click", async ({ currentTarget: button }) => {
+    button.disabled = true;
+    const [first] = await asked;
+    if (first) await open(button, first.scene);
+  });
+  const scenes = await asked;
   byId("samples").hidden = !scenes.length;
   byId("first-sample").parentElement.hidden = !scenes.length;
   if (!scenes.length) return;
+  const select = byId("sample");
   select.replaceChildren(...scenes.map((scene) => h("option", { value: scene.scene }, title(scene))));
   const about = () => setText(byId("sample-about"), scenes.find((scene) => scene.scene === select.value)?.about ?? "");
   select.addEventListener("change", about);
   about();
   byId("open-sample").addEventListener("click", (event) => open(event.currentTarget, select.value));
-  byId("first-sample").addEventListener("click", (event) => open(event.currentTarget, scenes[0].scene));
 }
 
 // Without the word that tells its session from others in the list.

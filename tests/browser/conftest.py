@@ -11,6 +11,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -33,7 +34,9 @@ DESK, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 # A window whose 3D scene is drawn soon without a GPU, and not yet in one column.
 SMALL = {"width": 1000, "height": 640}
 # A test that waits for what does not come ends by this, in milliseconds; it is no measure of speed.
-PATIENCE = 60_000
+PATIENCE = 180_000
+# Addresses of the 3D scene in a session's page.
+SCENE = re.compile(r"/sessions/[^/]+/view/[^/]+/(\?.*)?$")
 
 
 @dataclass
@@ -110,9 +113,13 @@ def troubles() -> Iterator[Troubles]:
 
 
 @pytest.fixture
-def new_page(browser: Browser, troubles: Troubles) -> Iterator[Callable[..., Page]]:
-    """A function that opens an empty page in a context of its own, with the options of `Browser.new_context`."""
+def new_page(browser: Browser, troubles: Troubles, request: pytest.FixtureRequest) -> Iterator[Callable[..., Page]]:
+    """A function that opens an empty page in a context of its own, with the options of `Browser.new_context`.
+
+    The 3D scene is left out where the test is not marked `scene`: viser's client takes half of a page's processor time.
+    """
     contexts: list[BrowserContext] = []
+    scene = request.node.get_closest_marker("scene") is not None
 
     def open_page(**options: Any) -> Page:
         # how a page moves is nothing that these tests look at
@@ -121,6 +128,8 @@ def new_page(browser: Browser, troubles: Troubles) -> Iterator[Callable[..., Pag
         context.set_default_timeout(PATIENCE)
         contexts.append(context)
         context.add_init_script(strict_answers(document()))
+        if not scene:
+            context.route(SCENE, lambda route: route.fulfill(body="<!doctype html>", content_type="text/html"))
         page = context.new_page()
         troubles.watch(page)
         return page

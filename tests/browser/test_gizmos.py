@@ -17,6 +17,7 @@ from tests.browser.session_page import opened, tab, view, wait
 from tests.servers import Served
 
 expect.set_options(timeout=PATIENCE)
+pytestmark = pytest.mark.scene
 # Metres: how exactly a drag of so many pixels can be foretold.
 EXACT = 0.015
 # Metres from a handle's middle: on a corner's arrow, at the tip of the prior's, and on the prior's arc.

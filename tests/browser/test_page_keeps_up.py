@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
 from playwright.sync_api import Page, expect
 
 from tests.app import small_sessions as small
@@ -41,6 +42,7 @@ def test_a_view_added_over_rest_is_marked_on_the_timeline(page: Page, served: Se
     expect(page.locator(".mark.change")).to_have_attribute("title", "after iteration 2 a view was added")
 
 
+@pytest.mark.scene
 def test_after_a_restart_the_scene_shows_what_the_timeline_does(page: Page, tmp_path: Path, troubles: Troubles) -> None:
     troubles.expect("ERR_")
     troubles.expect("answer: 503")

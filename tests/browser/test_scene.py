@@ -12,6 +12,8 @@ from tests.app import small_sessions as small
 from tests.browser.conftest import Troubles, pixels
 from tests.servers import Served
 
+pytestmark = pytest.mark.scene
+
 
 @pytest.fixture(scope="module")
 def path(served: Served) -> str:

@@ -21,6 +21,7 @@ from tests.browser.session_page import opened, tab, view, wait
 from tests.servers import Served
 
 expect.set_options(timeout=PATIENCE)
+pytestmark = pytest.mark.scene
 
 BEHIND_THE_CAMERA = {"position": [1.17, 1.92, 2.04], "look_at": [0.59, 0.39, 0.56], "up": [0.0, 0.0, 1.0]}
 

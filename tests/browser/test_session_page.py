@@ -33,6 +33,7 @@ def session(served: Served) -> str:
     return small.after(served.client, 6, name="a cabinet", iterations=12)
 
 
+@pytest.mark.scene
 def test_the_page_shows_state_numbers_and_the_scene(page: Page, served: Served, session: str) -> None:
     opened(page, served, session)
     expect(page.get_by_role("heading", level=1)).to_have_text("a cabinet")
@@ -82,6 +83,7 @@ def test_reset_asks_first(page: Page, served: Served, session: str) -> None:
     expect(page.locator("#shown")).to_have_text(re.compile("0 / 0"))
 
 
+@pytest.mark.scene
 def test_the_timeline_goes_back_while_it_goes_on(page: Page, served: Served, session: str) -> None:
     opened(page, served, session)
     page.get_by_role("slider", name="Iteration").fill("2")
@@ -224,6 +226,7 @@ def test_every_control_has_a_name(page: Page, served: Served, session: str) -> N
     assert nameless == []
 
 
+@pytest.mark.scene
 def test_a_recording_is_looked_at_on_the_same_page(page: Page, served: Served, session: str) -> None:
     content = served.client.get(f"{session}/recording").content
     made = served.client.post("/api/v1/recordings", files={"file": ("kept.sqlite", content)}).json()

@@ -29,6 +29,7 @@ def session(served: Served) -> str:
     return small.after(served.client, 6, name="a cabinet", max_std=0.03)
 
 
+@pytest.mark.scene
 def test_the_scene_is_a_file_that_needs_no_server(
     page: Page, new_page: Callable[..., Page], served: Served, session: str, tmp_path: Path, troubles: Troubles
 ) -> None:
@@ -106,6 +107,7 @@ def test_the_copied_commands_run(page: Page, served: Served, session: str) -> No
     assert (shown["iteration"], shown["part"], shown["particle"]) == (5, "drawer2", state["particle"])
 
 
+@pytest.mark.scene
 def test_marks_tell_where_a_part_became_certain_and_settings_changed(page: Page, served: Served, session: str) -> None:
     changed = served.client.patch(session, json={"config": {"effective_share": 0.2}})
     assert changed.status_code == 200
@@ -144,6 +146,7 @@ def test_a_mark_tells_what_the_inference_remarked(page: Page, served: Served) ->
     assert place(mark) == pytest.approx(2 / 4, abs=1e-6)
 
 
+@pytest.mark.scene
 def test_a_recording_that_was_cut_short(page: Page, served: Served, session: str) -> None:
     content = served.client.get(f"{session}/recording").content
     cut = content[: int(len(content) * 0.9)]

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from tests.app import small_sessions as small
 from tests.browser.conftest import PATIENCE, Troubles
@@ -180,6 +180,17 @@ def test_a_sample_is_one_click_away(page: Page, served: Served) -> None:
     page.get_by_role("button", name="Open", exact=True).click()
     page.wait_for_url(re.compile("/sessions/(?!" + id + ")[0-9a-f]{16}/"))
     assert [session["name"] for session in sessions(served)][1:] == ["Sample: a cupboard with its door ajar"]
+
+
+def test_a_click_before_the_list_of_samples_has_come_opens_one(page: Page, served: Served) -> None:
+    held: list[Route] = []
+    page.route("**/api/v1/samples", lambda route: held.append(route))
+    page.goto(served.url)
+    button = page.get_by_role("button", name="Open a sample session")
+    button.click()
+    expect(button).to_be_disabled()
+    held[0].continue_()
+    arrived(page)
 
 
 def test_a_recording_is_dropped_and_looked_at(page: Page, served: Served, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from tests.browser.conftest import PATIENCE, Troubles, pixels
 from tests.servers import Served
 
 expect.set_options(timeout=PATIENCE)
+pytestmark = pytest.mark.scene
 
 
 @pytest.fixture(scope="module")

@@ -250,6 +250,9 @@ class Estimate(BaseModel):
     seconds: float = Field(description="wall time of the inference so far")
     links: dict[str, LinkEstimate] = Field(description="every link of the URDF, by name")
     joints: dict[str, JointEstimate] = Field(description="every moving joint, by name")
+    depth_noise: list[float] = Field(
+        description="of each view, metres: standard deviation of its depths at the object, that the inference goes by"
+    )
     nuisances: dict[str, NuisanceEstimate] = Field(
         description="depth_scale/VIEW, camera/VIEW/AXIS and size/PART, where the settings leave them free"
     )

@@ -81,6 +81,12 @@ class Settings:
     )
     tolerance_start: float = _setting(0.06, "m", "distance at which a pixel stops to be explained, at first", low=1e-4)
     tolerance_end: float = _setting(0.012, "m", "the same once annealed", low=1e-4)
+    sensor: Literal["estimated", "structured_light", "time_of_flight", "stereo"] = _setting(
+        "estimated",
+        "",
+        "how noisy depths are: as the scan's own surfaces say, or as is usual of such a sensor",
+        choices=("estimated", "structured_light", "time_of_flight", "stereo"),
+    )
     free_space_cost: float = _setting(1.0, "", "cost of a pixel where the scan sees through the surface", low=0)
     occlusion_cost: float = _setting(0.02, "", "cost of a pixel where something stands before the surface", low=0)
     support_reward: float = _setting(0.1, "", "largest reward of a pixel on a floor, wall or table", low=0)

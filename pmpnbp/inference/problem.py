@@ -38,7 +38,7 @@ class Problem:
     joint_prior : mean and standard deviation of the joint coordinates that the prior names
     joint_turns : (D,) whether a coordinate is an angle
     method : one of `settings.METHODS`
-    noise : standard deviation of the scan's depths at the object, metres, see `scene/depth_noise.py`
+    noise : (V,) standard deviation of each view's depths at the object, metres, see `scene/depth_noise.py`
     unit_distance : metres from the cameras to what may be the object, in the median: a pixel there counts 1
     nuisance_std : (K,) prior standard deviations of the nuisances, see `potentials/nuisances.py`; 0 is fixed
     nuisance_levers : (K,) metres that the object's surface moves for one unit of each
@@ -57,7 +57,7 @@ class Problem:
     joint_prior: dict[int, tuple[float, float]]
     joint_turns: NDArray[np.bool_]
     method: str
-    noise: float
+    noise: Array
     unit_distance: float
     nuisance_std: Array
     nuisance_levers: Array
@@ -100,8 +100,8 @@ class Problem:
 
     @property
     def tolerance_end(self) -> float:
-        """Metres: the setting, but not below what the scan's own noise asks for."""
-        return max(self.settings.tolerance_end, DEVIATIONS * self.noise)
+        """Metres: the setting, but not below what the noisiest view asks for."""
+        return max(self.settings.tolerance_end, DEVIATIONS * float(self.noise.max(initial=0.0)))
 
     def score(self, tolerance: float) -> PixelScore:
         """The pixel score of the settings at a tolerance in metres."""
@@ -202,7 +202,7 @@ def build(
         joint_prior=known,
         joint_turns=turns,
         method=method,
-        noise=max(map(depth_noise, views), default=0.0),
+        noise=np.array([depth_noise(view, settings.sensor) for view in views]),
         unit_distance=float(np.median(distances)) if len(distances) else 1.0,
         nuisance_std=nuisance_std,
         nuisance_levers=levers,

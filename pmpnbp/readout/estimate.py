@@ -120,6 +120,7 @@ class Estimate:
     """What an iteration says about the object.
 
     part_poses : (N, 7), part in world; joint_positions : (D,) the joint vector; both agree with the tree
+    depth_noise : standard deviation of each view's depths at the object, metres, that the inference goes by
     """
 
     model: str
@@ -135,6 +136,7 @@ class Estimate:
     joint_positions: Array
     links: tuple[LinkEstimate, ...]
     joints: tuple[JointEstimate, ...]
+    depth_noise: tuple[float, ...]
     nuisances: tuple[NuisanceEstimate, ...] = ()
 
     def link_certain(self, link: LinkEstimate) -> bool:
@@ -229,6 +231,7 @@ def estimate(
         placed.joint_positions,
         tuple(links),
         moving,
+        tuple(problem.noise.tolist()),
         _nuisance_estimates(problem, part_poses[0], placed.joint_positions),
     )
 
@@ -320,6 +323,7 @@ def to_result(found: Estimate, truth: Mapping[str, Any] | None = None) -> dict[s
         **{name: getattr(found, name) for name in OF_RUN},
         "links": links,
         "joints": joints,
+        "depth_noise": list(found.depth_noise),
         "nuisances": {
             entry.name: {"value": entry.value, "std": entry.std, "prior_std": entry.prior_std}
             for entry in found.nuisances

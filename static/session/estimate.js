@@ -1,8 +1,10 @@
-// Where is every link, and how sure is that? Tables of links and joints, or the part or edge that was chosen.
+// Where is every link, and how sure is that? Tables of links, joints and what sensor and model have wrong, or the part or
+// edge that was chosen.
 
 import { byId, reconcile, setName, setText } from "./dom.js";
 import { joint, millimetres, percent } from "./format.js";
 import { choosePart } from "./graph.js";
+import { sensorAndModel } from "./sensor_and_model.js";
 import { colour, onTheme, partOfLink, state, subscribe } from "./state.js";
 
 export function install() {
@@ -20,6 +22,9 @@ function show() {
   const joints = Object.entries(state.estimate.joints);
   byId("joints-title").hidden = !joints.length;
   reconcile(byId("joints"), "joint-row", joints, ([name]) => name, showJoint);
+  const facts = sensorAndModel(state.estimate);
+  byId("sensor-title").hidden = !facts.length;
+  reconcile(byId("sensor"), "sensor-row", facts, ([name]) => name, showFact);
 }
 
 function showLink(row, [name, link]) {
@@ -40,4 +45,8 @@ function showJoint(row, [name, value]) {
   setText(position, joint(value.type, value.position));
   setText(std, `± ${joint(value.type, value.std, 2)}`);
   setText(type, value.type);
+}
+
+function showFact(row, texts) {
+  for (const [place, cell] of [...row.children].entries()) setText(cell, texts[place]);
 }

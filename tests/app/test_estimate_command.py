@@ -62,6 +62,7 @@ def checked(result: dict[str, Any], method: str = "pmpnbp") -> None:
         "seconds",
         "links",
         "joints",
+        "depth_noise",
         "nuisances",
     ]
     assert (result["schema"], result["model"], result["method"]) == ("pmpnbp/estimate-1", "cabinet", method)

@@ -78,6 +78,21 @@ def test_a_particle_chosen_by_a_program_is_explained(page: Page, served: Served,
     expect(page.get_by_role("heading", name="drawer3, particle 7")).to_be_visible()
 
 
+def test_what_sensor_and_model_have_wrong(page: Page, served: Served) -> None:
+    session = small.after(served.client, 6, config=small.QUICK | {"depth_scale_std": 0.01, "sensor": "stereo"})
+    found = served.client.get(f"{session}/estimate").json()
+    scale = found["nuisances"]["depth_scale/0"]
+    opened(page, served, session)
+    rows = page.get_by_role("table", name="Sensor and model").get_by_role("row")
+    expect(rows).to_have_count(3)
+    expect(rows.nth(1).get_by_role("cell")).to_have_text(["–", f"± {1000 * found['depth_noise'][0]:.1f}\u202fmm", ""])
+    # adding zero takes the sign from a zero
+    value = f"{round(100 * scale['value'], 2) + 0.0:.2f}".replace("-", "\u2212")
+    expect(rows.nth(2).get_by_role("cell")).to_have_text(
+        [f"{value}\u202f%", f"± {100 * scale['std']:.2f}\u202f%", "± 1.00\u202f%"]
+    )
+
+
 def test_layers(page: Page, served: Served, session: str) -> None:
     opened(page, served, session)
     panel = tab(page, "Layers")

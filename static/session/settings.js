@@ -19,6 +19,7 @@ const STAGES = {
 
 const rows = new Map();
 let entries = [];
+let filled = {};
 
 export async function install() {
   for (const preset of ["robust", "paper"]) byId(`preset-${preset}`).addEventListener("click", () => send({ preset }));
@@ -110,11 +111,16 @@ function show() {
     place.dataset.changed = String(changed);
     reset.disabled = !changed || fixed;
   }
-  if (!byId("anew").contains(document.activeElement)) {
-    byId("method").value = session.method ?? "pmpnbp";
-    byId("particle-count").value = session.particles ?? "";
-  }
+  fillAnew(session.method ?? "pmpnbp", session.particles ?? "");
   byId("anew-start").disabled = fixed;
+}
+
+// What a reader has chosen for a new session stays, whatever else this one does meanwhile.
+function fillAnew(method, particles) {
+  if (filled.method === method && filled.particles === particles) return;
+  filled = { method, particles };
+  byId("method").value = method;
+  byId("particle-count").value = particles;
 }
 
 async function send(config, error = null) {

@@ -150,6 +150,10 @@ def test_another_method_or_particle_count_begins_a_new_session(page: Page, serve
     panel = tab(page, "Settings")
     panel.get_by_label("method").select_option("particle filter")
     panel.get_by_label("particles per part").fill("30")
+    panel.get_by_label("particles per part").blur()
+    # what else the session does leaves it as it was chosen
+    served.client.patch(session, json={"config": {"joint_draws": 4}}).raise_for_status()
+    expect(page.locator(".mark.change")).to_have_count(1)
     before = page.url.split("?")[0]
     panel.get_by_role("button", name="Start a new session with these").click()
     page.wait_for_url(lambda url: url.split("?")[0] != before)

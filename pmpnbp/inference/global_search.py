@@ -53,6 +53,8 @@ EFFECTIVE_SHARE = 0.15
 FINAL_TOLERANCE = 2.0
 # Joints of the winner that may be put elsewhere after that.
 SWEEPS = 3
+# Rivals contest the best one where their score is worse by a smaller share.
+CLOSE = 0.15
 
 
 @dataclass(frozen=True)
@@ -178,10 +180,29 @@ def _settled(
     chosen, _ = distinct(problem, finalists, order, effort.rivals, plan.diffusion_position)
     tight = _tight(problem)
     rivals, score = _polished(rng, problem, finalists.taken(chosen), plan, tight, effort.last_rounds)
+    if effort.mistaken:
+        rivals, score = _contested(rng, problem, rivals, score, replace(plan, tolerance=tight), effort)
     best = int(score.argmax())
     roots, joints, score = rivals.roots.copy(), rivals.joints.copy(), score.copy()
     roots[best], joints[best], score[best] = sweep(rng, problem, roots[best], joints[best], plan, tight, SWEEPS)
     return replace(rivals, roots=roots, joints=joints, part_poses=problem.mrf.part_poses(roots, joints)), score
+
+
+def _contested(
+    rng: np.random.Generator, problem: Problem, rivals: Hypotheses, score: Array, plan: Schedule, effort: Settling
+) -> tuple[Hypotheses, Array]:
+    """Rivals and their scores (H,); where several places come near the best, also what looks like these, and these with
+    a joint elsewhere, polished as long: of places that are nearly as good as each other none may be the right one."""
+    order = np.argsort(-score, kind="stable")
+    apart, _ = distinct(problem, rivals, order, len(order), plan.diffusion_position)
+    close = apart[score[apart] >= score.max() - CLOSE * abs(score.max())]
+    if len(close) == 1:
+        return rivals, score
+    near = rivals.taken(close)
+    others = look_alikes(rng, problem, near, plan, effort.rivals)
+    others = others.joined(_with_a_joint_elsewhere(rng, problem, near, plan, effort.rivals))
+    others, reached = _polished(rng, problem, others, plan, plan.tolerance, effort.last_rounds)
+    return rivals.joined(others), np.concatenate([score, reached])
 
 
 def _with_a_joint_elsewhere(

@@ -16,11 +16,15 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.half_turns import half_turns
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import assemble, configuration_scores, polish
+from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.settings import Schedule
 
-# Positions over a joint's range, and the least share of the range that makes another position of it.
-POSITIONS = 12
+# Positions over a joint's range, at least and at most: as many as leave the part no farther than the tolerance from one
+# of them; and the least share of the range that makes another position of it.
+FEWEST, MOST = 12, 36
 APART = 0.1
+# Places of a joint that are told apart: a part that is hidden in one fits as well into any other that hides it.
+PLACES = 2
 # Joints whose best other position is polished, those of them that are polished on, and for how many rounds each.
 CANDIDATES, FINALISTS = 12, 2
 ROUNDS, LAST_ROUNDS = 2, 6
@@ -58,12 +62,12 @@ def sweep(
 def elsewhere(
     rng: np.random.Generator, problem: Problem, roots: Array, joints: Array, plan: Schedule
 ) -> tuple[Array, Array]:
-    """Joint vectors (H, J, D) of each of H configurations (H, 7), (H, D) with one of its joints moved, each to the best
-    of its positions that are well away from its present one, then with three of them moved (see `half_turns`); and
+    """Joint vectors (H, J, D) of each of H configurations (H, 7), (H, D) with one of its joints moved, each to its best
+    PLACES, well away from its present one and from each other, then with three of them moved (see `half_turns`); and
     their scores (H, J), -inf where a joint has no such place."""
     model, mrf, many = problem.mrf.model, problem.mrf, len(roots)
     part_poses = mrf.part_poses(roots, joints)
-    repeated, rows = np.repeat(roots[:, None], 2 * POSITIONS, axis=1), np.arange(many)
+    rows = np.arange(many)
     found, scores = [], []
     for number in mrf.tree:
         edge = model.edges[number]
@@ -71,22 +75,25 @@ def elsewhere(
             lower, span = model.lower[coordinate], model.upper[coordinate] - model.lower[coordinate]
             if not 0 < span < np.inf:
                 continue
-            positions = lower + span * (np.arange(POSITIONS) + rng.random((many, POSITIONS))) / POSITIONS
-            gap = np.abs(positions - joints[:, coordinate, None])
-            if model.wraps[coordinate]:
-                gap = np.minimum(gap, span - gap)
-            carried = np.repeat(joints[:, None], POSITIONS, axis=1)
+            lever = 2 * mrf.radii[edge.child] if problem.joint_turns[coordinate] else 1.0
+            count = int(np.clip(np.ceil(span * lever / plan.tolerance), FEWEST, MOST))
+            positions = lower + span * (np.arange(count) + rng.random((many, count))) / count
+            carried = np.repeat(joints[:, None], count, axis=1)
             carried[..., coordinate] = positions
-            moved = np.repeat(part_poses[:, None], POSITIONS, axis=1)
+            moved = np.repeat(part_poses[:, None], count, axis=1)
             moved[:, :, edge.child] = mrf.part_poses(roots[:, None], carried)[:, :, edge.child]
             _, kept = assemble(mrf, moved.reshape(-1, *part_poses.shape[1:]), 0)
             tried = np.concatenate([carried, kept.reshape(carried.shape)], axis=1)
-            far = np.tile(gap > APART * span, 2)
+            positions = np.tile(positions, 2)
+            far = _gap(model, coordinate, positions, joints[:, coordinate, None]) > APART * span
             score = np.full(far.shape, -np.inf)
-            score[far] = configuration_scores(problem, repeated[far], tried[far], plan.tolerance)
-            best = score.argmax(axis=1)
-            found.append(tried[None, rows, best])
-            scores.append(score[None, rows, best])
+            score[far] = configuration_scores(problem, roots[np.nonzero(far)[0]], tried[far], plan.tolerance)
+            for _ in range(PLACES):
+                best = score.argmax(axis=1)
+                found.append(tried[None, rows, best])
+                scores.append(score[None, rows, best].copy())
+                taken = positions[rows, best, None]
+                score[_gap(model, coordinate, positions, taken) <= APART * span] = -np.inf
     turned, possible = half_turns(mrf, part_poses, joints)
     score = np.full(possible.shape, -np.inf)
     which = np.nonzero(possible)
@@ -94,3 +101,9 @@ def elsewhere(
     found.append(np.swapaxes(turned, 0, 1))
     scores.append(score.T)
     return np.swapaxes(np.concatenate(found), 0, 1), np.concatenate(scores).T
+
+
+def _gap(model: ArticulatedObject, coordinate: int, one: Array, other: Array) -> Array:
+    """How far a joint coordinate moves from one position to another, metres or radians; full turns count nothing."""
+    gap = np.abs(one - other)
+    return np.minimum(gap, model.upper[coordinate] - model.lower[coordinate] - gap) if model.wraps[coordinate] else gap

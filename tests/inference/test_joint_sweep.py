@@ -7,7 +7,7 @@ import pytest
 
 from pmpnbp.inference import joint_sweep
 from pmpnbp.inference import problem as problems
-from pmpnbp.inference.joint_sweep import APART, elsewhere, sweep
+from pmpnbp.inference.joint_sweep import APART, PLACES, elsewhere, sweep
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores, polish
 from pmpnbp.scene.prior import UniformPrior
@@ -79,16 +79,20 @@ def test_no_joint_may_move_when_none_is_asked_for(chain: tuple[Problem, np.ndarr
 
 
 def test_elsewhere_is_far_from_here_and_worth_what_it_says(chain: tuple[Problem, np.ndarray, np.ndarray]) -> None:
-    """For several configurations at once, each joint in turn."""
+    """For several configurations at once, the places of each joint in turn, which are far from each other too."""
     problem, root, truth = chain
     model, plan = problem.mrf.model, search_end(problem)
     here = np.stack([truth, -truth, 0.5 * truth])
     roots = np.tile(root, (3, 1))
     found, score = elsewhere(np.random.default_rng(0), problem, roots, here, plan)
     # no joint here has room for half a turn
-    assert found.shape == (3, 4, 3) and np.all(score[:, 3] == -np.inf)
+    assert found.shape == (3, 3 * PLACES + 1, 3) and np.all(score[:, 3 * PLACES] == -np.inf)
     for joint in range(3):
-        gap = np.abs(found[:, joint, joint] - here[:, joint])
-        assert np.all(gap > APART * (model.upper[joint] - model.lower[joint]))
-        expected = configuration_scores(problem, roots, found[:, joint], plan.tolerance)
-        np.testing.assert_allclose(score[:, joint], expected)
+        places = slice(joint * PLACES, (joint + 1) * PLACES)
+        taken = np.concatenate([here[:, None, joint], found[:, places, joint]], axis=1)
+        gaps = np.abs(taken[:, :, None] - taken[:, None])[:, ~np.eye(PLACES + 1, dtype=bool)]
+        assert np.all(gaps > APART * (model.upper[joint] - model.lower[joint]))
+        for place in range(places.start, places.stop):
+            expected = configuration_scores(problem, roots, found[:, place], plan.tolerance)
+            np.testing.assert_allclose(score[:, place], expected)
+        assert np.all(np.diff(score[:, places], axis=1) <= 0)

@@ -10,9 +10,10 @@ import pytest
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference import global_search, hypotheses, initialisation, problem, run
+from pmpnbp.inference import global_search, hypotheses, initialisation, problem, rivals, run
 from pmpnbp.inference.belief import FLIP, OWN, SURFACE
 from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.tree_estimate import configuration_scores
 from pmpnbp.potentials.unary import explained_share
 from pmpnbp.readout.metrics import add, model_points
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
@@ -155,6 +156,36 @@ def test_a_searched_belief_is_made_of_whole_objects(scene: Problem, searched: li
         assert belief.origin.island[0, 0] == 0
         np.testing.assert_array_equal(report.map_poses, belief.poses[:, 0])
         np.testing.assert_array_equal(report.map_joints, belief.joint_positions[0])
+
+
+@pytest.mark.parametrize("close", [0.0, 1e3])
+def test_where_rivals_contest_each_other_what_looks_like_them_is_tried(
+    scene: Problem, monkeypatch: pytest.MonkeyPatch, close: float
+) -> None:
+    """Of two wrong rivals, the truth turned by a quarter and by half, neither leads to it by small moves."""
+    monkeypatch.setattr(global_search, "CLOSE", close)
+    middle, plan = ROOT[:3], replace(schedule(scene.settings, 4, 4), tolerance=0.024)
+    turns = np.array([[1], [2]])
+    roots = rivals.turned(np.tile(ROOT, (2, 1)), middle, np.tile(worlds.Z, (2, 1)), turns)
+    joints = np.tile(JOINTS, (2, 1))
+    wrong = hypotheses.Hypotheses(
+        roots=roots,
+        joints=joints,
+        source=np.full(2, SURFACE, dtype=np.uint8),
+        ancestor=np.full(2, -1, dtype=np.int32),
+        unary=np.zeros((2, 3)),
+        part_poses=scene.mrf.part_poses(roots, joints),
+    )
+    score = configuration_scores(scene, roots, joints, plan.tolerance)
+    found, reached = global_search._contested(
+        np.random.default_rng(0), scene, wrong, score, plan, global_search.SETTLE_UNINFORMED
+    )
+    np.testing.assert_array_equal(found.roots[:2], roots)
+    np.testing.assert_array_equal(reached[:2], score)
+    best = int(reached.argmax())
+    truth = MODEL.part_poses(ROOT, JOINTS)
+    right = errors_of(MODEL, found.part_poses[best], truth).max() < 0.01
+    assert right == (close > 0) and (close > 0 or len(reached) == 2)
 
 
 def test_a_searched_particle_says_where_it_came_from(searched: list[run.IterationReport]) -> None:

@@ -34,7 +34,8 @@ from app.security import Access, Headers
 from app.server_config import ServerConfig
 from app.sessions.sessions import Sessions
 from app.store.store import Store
-from app.uploads.uploads import Uploads
+from app.uploads.parsers import Parsers
+from app.uploads.uploads import Uploads, parsers_for
 from app.viewer import proxy
 from app.viewer.views import Views
 from pmpnbp.version import version
@@ -61,10 +62,10 @@ ROUTERS = (
 _log = logging.getLogger("pmpnbp.server")
 
 
-def create_app(config: ServerConfig, *, read_ahead: bool = True) -> FastAPI:
+def create_app(config: ServerConfig, parsers: Parsers | None = None) -> FastAPI:
     """The application for `config`; nothing is opened before it starts.
 
-    read_ahead : start a process that reads scans before one is uploaded; its imports take seconds of a processor
+    parsers : who reads uploads, where several applications of one process share them: closed by whoever made them
     """
     app = FastAPI(
         title="pmpnbp",
@@ -77,7 +78,7 @@ def create_app(config: ServerConfig, *, read_ahead: bool = True) -> FastAPI:
         generate_unique_id_function=lambda route: route.name,  # an operation is called as its function is
     )
     app.state.config = config
-    app.state.read_ahead = read_ahead
+    app.state.shared_parsers = parsers
     app.state.traffic = Traffic()
     app.state.ready = False
     app.state.stopping = False
@@ -112,7 +113,8 @@ def open_all(app: FastAPI) -> None:
     """Open the store, and with it every session, paused where it was. Raises PmpnbpError where that cannot be."""
     config: ServerConfig = app.state.config
     app.state.store = Store(config.data_dir, config.max_disk_bytes)
-    app.state.uploads = Uploads(app.state.store, config)
+    app.state.parsers = app.state.shared_parsers or parsers_for(config)
+    app.state.uploads = Uploads(app.state.store, config, app.state.parsers)
     app.state.sessions = Sessions(app.state.store, config)
     app.state.sessions.restore()
     app.state.pictures = Pictures()
@@ -134,7 +136,8 @@ def close_all(app: FastAPI) -> None:
     if app.state.open:
         app.state.open = False
         end_streams(app)
-        app.state.uploads.close()
+        if app.state.parsers is not app.state.shared_parsers:
+            app.state.parsers.close()
         app.state.pictures.close()
         app.state.store.close()
 
@@ -142,12 +145,12 @@ def close_all(app: FastAPI) -> None:
 def _get_ready(app: FastAPI) -> None:
     """Compile kernels or load them from disk; then the sample session, where it was asked for."""
     try:
-        if app.state.read_ahead:
-            app.state.uploads.warm()
+        # the first scan need not wait for its reader's imports
+        app.state.parsers.warm("scans")
         _kernels()
         app.state.ready = not app.state.stopping
         if app.state.config.demo and app.state.ready:
-            app.state.sessions.demo()
+            app.state.sessions.demo(app.state.parsers)
     except Exception:
         _log.exception("the server does not get ready")
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import atexit
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import httpx
 
 from app.server_config import ServerConfig
+from app.uploads.parsers import Parsers
+from app.uploads.uploads import parsers_for
 
 
 @dataclass
@@ -31,6 +35,14 @@ class Served:
         return self
 
 
+@cache
+def _parsers(memory: int, seconds: float) -> Parsers:
+    """Shared by all servers of this process with these limits: each of its processes takes seconds to import."""
+    parsers = parsers_for(ServerConfig(parse_bytes=memory, parse_seconds=seconds))
+    atexit.register(parsers.close)
+    return parsers
+
+
 @contextmanager
 def serving(data_dir: Path) -> Iterator[Callable[..., Served]]:
     """A function that starts a server in this process with the settings it is given; all are stopped at the end."""
@@ -41,8 +53,7 @@ def serving(data_dir: Path) -> Iterator[Callable[..., Served]]:
 
     def start(**settings: Any) -> Served:
         config = ServerConfig(**({"port": 0, "data_dir": data_dir, "requests_per_second": 1e5} | settings))
-        # most tests upload nothing, and a process that is started for nothing takes a core from the others
-        app = create_app(config, read_ahead=False)
+        app = create_app(config, _parsers(config.parse_bytes, config.parse_seconds))
         server = server_for(app, config)
         thread = threading.Thread(target=server.run, name="served", daemon=True)
         thread.start()

@@ -11,7 +11,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from app.server_config import ServerConfig
 from app.store.store import Staging, Store
 from app.uploads.parsers import Parsers
 
@@ -57,7 +56,7 @@ SAMPLES = (
 NAME = SAMPLES[0].name
 
 
-def sample_document(store: Store, config: ServerConfig, scene: str = "open") -> dict[str, Any]:
+def sample_document(store: Store, parsers: Parsers, scene: str = "open") -> dict[str, Any]:
     """What `Sessions.create` takes for the sample `scene`.
 
     Model and scan are put into the store unless they are there from a sample before. Raises KeyError for a scene that
@@ -65,14 +64,10 @@ def sample_document(store: Store, config: ServerConfig, scene: str = "open") -> 
     """
     sample = {known.scene: known for known in SAMPLES}[scene]
     place = Path(str(files("sample_data"))) / sample.place
-    parsers = Parsers(config.parse_bytes, config.parse_seconds)
-    try:
-        with store.staging() as staging:
-            model_id = _model(store, parsers, staging, place.parent)
-        with store.staging() as staging:
-            scan_id = _scan(store, parsers, staging, place)
-    finally:
-        parsers.close()
+    with store.staging() as staging:
+        model_id = _model(store, parsers, staging, place.parent)
+    with store.staging() as staging:
+        scan_id = _scan(store, parsers, staging, place)
     return {
         "name": sample.name,
         "model_id": model_id,

@@ -21,6 +21,7 @@ from app.sessions.source import Source
 from app.sessions.uploaded import UploadedRecording
 from app.sessions.worker import share_interpreter
 from app.store.store import Store
+from app.uploads.parsers import Parsers
 from pmpnbp.errors import DiskFullError
 from pmpnbp.settings import SessionOptions
 
@@ -147,13 +148,13 @@ class Sessions:
         for thread in threads:
             thread.join()
 
-    def demo(self) -> Session | None:
+    def demo(self, parsers: Parsers) -> Session | None:
         """Make, or find, the sample session, and run it; None where it cannot be made, as on a full disk."""
         with self._lock:
             found = next((session for session in self._sessions.values() if session.status()["name"] == NAME), None)
         if found is None:
             try:
-                found = self.sample("open")
+                found = self.sample("open", parsers)
             except (HttpProblem, DiskFullError) as problem:
                 _log.warning("no sample session is opened: %s", problem)
                 return None
@@ -162,9 +163,9 @@ class Sessions:
             found.run(until="converged")
         return found
 
-    def sample(self, scene: str) -> Session:
+    def sample(self, scene: str, parsers: Parsers) -> Session:
         """A new session at iteration 0 that looks at a scene of `sample.SAMPLES`."""
-        return self.create(sample_document(self._store, self._config, scene))
+        return self.create(sample_document(self._store, parsers, scene))
 
     def _open(self, id: str) -> UploadedRecording | None:
         """The recording of that id, opened where it is not yet; None where it is not in the store."""

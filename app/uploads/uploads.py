@@ -23,22 +23,19 @@ AT_ONCE = 4
 _WAITING, _READING = 0.2, 0.7
 
 
-class Uploads:
-    """Takes in uploads, a bounded number at once. Its reading processes are started by `warm`, or as uploads come."""
+def parsers_for(config: ServerConfig) -> Parsers:
+    """Processes that read what a server with this `config` takes in."""
+    return Parsers(config.parse_bytes, config.parse_seconds * _READING)
 
-    def __init__(self, store: Store, config: ServerConfig) -> None:
+
+class Uploads:
+    """Takes in uploads, a bounded number at once."""
+
+    def __init__(self, store: Store, config: ServerConfig, parsers: Parsers) -> None:
         self._store = store
         self._config = config
-        self._parsers = Parsers(config.parse_bytes, config.parse_seconds * _READING)
+        self._parsers = parsers
         self._slots = asyncio.Semaphore(AT_ONCE)
-
-    def warm(self) -> None:
-        """Start a process that reads scans, so that the first of them need not wait for its imports."""
-        self._parsers.warm("scans")
-
-    def close(self) -> None:
-        """End the processes."""
-        self._parsers.close()
 
     async def take_in(self, request: Request, response: Response, kind: Kind) -> Document:
         """The entry that the form of `request` makes in the store's folder `kind`; sets Location and ETag.

@@ -4,8 +4,8 @@ A wrist found turned by half, or a head that looks up instead of down, is a plac
 and the search, which puts whole objects together from the root, seldom draws again only that joint. Here each joint
 in turn is put to positions all over its range, once with everything behind it carried along and once with it left as
 near to its place as the joints allow; and three joints in a row are moved where these leave all behind them in place.
-The best position of each joint is polished before it is compared, as a joint in its right place is worth little until
-its neighbours have followed.
+The best positions of each joint are polished before they are compared, as a joint in its right place is worth little
+until its neighbours have followed.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def elsewhere(
             for _ in range(PLACES):
                 best = score.argmax(axis=1)
                 found.append(tried[None, rows, best])
-                scores.append(score[None, rows, best].copy())
+                scores.append(score[None, rows, best])
                 taken = positions[rows, best, None]
                 score[_gap(model, coordinate, positions, taken) <= APART * span] = -np.inf
     turned, possible = half_turns(mrf, part_poses, joints)

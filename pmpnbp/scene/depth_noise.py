@@ -26,13 +26,15 @@ def depth_noise(view: View, sensor: str = "estimated") -> float:
     same everywhere, and is what second differences of neighbours have. Their median passes over steps and bends. It
     passes over what a filter has smoothed as well, errors that neighbours share: then the kind of sensor says more.
     """
-    if view.distance and sensor in SENSORS:
+    if not view.distance:
+        return 0.0
+    if sensor in SENSORS:
         return float(np.polynomial.polynomial.polyval(view.distance, SENSORS[sensor]))
     measured = view.depth > 0
     inverse = np.where(measured, 1.0 / np.where(measured, view.depth, 1.0), np.nan)
     bends = np.concatenate([(a[2:] - 2.0 * a[1:-1] + a[:-2]).ravel() for a in (inverse, inverse.T)])
     bends = np.abs(bends[np.isfinite(bends)])
-    if not len(bends) or not view.distance:
+    if not len(bends):
         return 0.0
     deviation = np.median(bends) / NORMAL_MEDIAN / np.sqrt(SECOND_DIFFERENCE)
     return float(deviation * view.distance**2)

@@ -2,7 +2,8 @@
 
 viser's page sets its camera by itself while it loads, more than once and in no fixed order with what it is told. So a
 browser is told again until it reports that it is there, and again where it goes back, soon after, to exactly a place
-where it has been without a hand (a stray). Each browser is in one of four states:
+where it has been without a hand (a stray), or half of the way: it sets where it is and what it looks at one after the
+other. Each browser is in one of four states:
 
               (joins; `look` from any state)
                             |
@@ -42,8 +43,8 @@ SAME, ARRIVED = 1e-3, 2e-2
 ATTEMPTS, RETRY_SECONDS = 25, 0.4
 # Seconds between two reports of a hand's move.
 REPORT_SECONDS = 0.33
-# Where viser's page begins: so many metres, its (3, 3, 3), from the origin, which it looks at, turned with what is up
-# in the scene.
+# Where viser's page begins, before it was ever reported there: so many metres, its (3, 3, 3), from the origin, which it
+# looks at, turned with what is up in the scene.
 PAGE_DISTANCE = math.sqrt(27.0)
 # Strays kept of a browser.
 STRAYS = 12
@@ -92,7 +93,7 @@ class Browser:
             else:
                 self._note_stray(eye)
             return False
-        if self.placement is Placement.PLACED and self._is_stray(eye):
+        if self.placement is Placement.PLACED and self._is_without_a_hand(eye, wanted):
             if not there:
                 self.placement = Placement.PLACING if self.attempts < ATTEMPTS else Placement.ABANDONED
             return False
@@ -101,11 +102,16 @@ class Browser:
         return True
 
     def _note_stray(self, eye: Eye) -> None:
-        if not self._is_stray(eye):
+        if not any(_near(eye, stray, SAME) for stray in self.strays):
             self.strays = [*self.strays, eye][-STRAYS:]
 
-    def _is_stray(self, eye: Eye) -> bool:
-        return any(_near(eye, stray, SAME) for stray in self.strays) or _is_of_the_page(eye)
+    def _is_without_a_hand(self, eye: Eye, wanted: Eye) -> bool:
+        """Whether it is still where it is wanted, at a stray, at what viser's page begins with, or half at one of them
+        and half at another."""
+        known = (wanted, *self.strays)
+        position = _at_page_distance(eye) or any(math.dist(eye.position, one.position) < SAME for one in known)
+        look_at = math.hypot(*eye.look_at) < SAME or any(math.dist(eye.look_at, one.look_at) < SAME for one in known)
+        return position and look_at
 
 
 class Camera:
@@ -221,9 +227,8 @@ class Camera:
             self._browsers.pop(client.client_id, None)
 
 
-def _is_of_the_page(eye: Eye) -> bool:
-    """Whether it is where viser's page looks from of itself, which it may go to before it was ever reported there."""
-    return math.isclose(math.hypot(*eye.position), PAGE_DISTANCE, abs_tol=SAME) and math.hypot(*eye.look_at) < SAME
+def _at_page_distance(eye: Eye) -> bool:
+    return math.isclose(math.hypot(*eye.position), PAGE_DISTANCE, abs_tol=SAME)
 
 
 def _near(one: Eye, other: Eye, within: float) -> bool:

@@ -13,7 +13,7 @@ from app.viewer.view_state import Eye
 
 
 def eye(x: float) -> Eye:
-    return Eye(position=(x, 0.0, 1.0), look_at=(0.0, 0.0, 0.0), up=(0.0, 0.0, 1.0))
+    return Eye(position=(x, 0.0, 1.0), look_at=(0.0, 0.0, 0.5), up=(0.0, 0.0, 1.0))
 
 
 # Where viser's page looks from before it has heard of anything; where the view begins; where it is told to look from.
@@ -73,6 +73,13 @@ def test_what_it_does_by_itself_is_undone(watched: Watched, back: Eye) -> None:
     assert watched.moved == []
 
 
+def test_a_page_that_says_twice_that_it_is_there_was_moved_by_nobody(watched: Watched) -> None:
+    watched.report(HOME, HOME)
+    watched.report(PAGE)
+    watched.report(HOME)
+    assert watched.moved == []
+
+
 def test_a_hand_is_followed_and_never_pulled_back(watched: Watched) -> None:
     watched.report(OWN)
     watched.report(HOME)
@@ -117,8 +124,9 @@ PLACING, PLACED, MOVED, ABANDONED = Placement
     [
         (PLACING, OWN, PLACING, False),
         (PLACING, TOLD, PLACED, False),
-        (PLACED, TOLD, MOVED, True),
+        (PLACED, TOLD, PLACED, False),  # it says the same again
         (PLACED, PAGE, PLACING, False),  # where the page begins, which it had not reported
+        (PLACED, TOLD.model_copy(update={"look_at": PAGE.look_at}), PLACING, False),  # half of the way from there
         (MOVED, PAGE, MOVED, True),
         (PLACED, HOME, PLACING, False),  # where it has been without a hand
         (PLACED, eye(HOME.position[0] + 2 * SAME), MOVED, True),

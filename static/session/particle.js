@@ -62,8 +62,9 @@ async function listParticles() {
     (place, particle) => {
       const row = place.firstChild;
       const [index, weight, share, source] = row.children;
-      row.dataset.index = particle.index;
-      row.onclick = choose;
+      Object.assign(row.dataset, { part: part.name, index: particle.index });
+      // of the part that is listed, which need not be the one that was asked for since
+      row.onclick = () => changeView({ part: part.name, edge: null, particle: particle.index });
       setText(index, `${particle.index}`);
       weight.style.setProperty("--share", particle.weight / most);
       weight.style.setProperty("--tint", colour(part));
@@ -77,14 +78,10 @@ async function listParticles() {
   mark();
 }
 
-function choose(event) {
-  const part = current();
-  changeView({ part: part.name, edge: null, particle: Number(event.currentTarget.dataset.index) });
-}
-
 function mark() {
   for (const row of document.querySelectorAll("#particles .row")) {
-    row.setAttribute("aria-pressed", String(Number(row.dataset.index) === state.view.particle));
+    const { part, index } = row.dataset;
+    row.setAttribute("aria-pressed", String(part === current().name && Number(index) === state.view.particle));
   }
 }
 

@@ -81,7 +81,7 @@ def test_the_copied_commands_run(page: Page, served: Served, session: str) -> No
     page.get_by_role("button", name="between frame and drawer2").click()
     panel = tab(page, "Why")
     panel.get_by_role("button", name="drawer2", exact=True).click()
-    panel.get_by_role("list").get_by_role("button").first.click()
+    panel.get_by_role("list").locator("[data-part=drawer2]").first.click()
     wait(page, lambda: view(page, served)["particle"] is not None)
     state = view(page, served)
     panel = tab(page, "Share")

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 
 from playwright.sync_api import Browser, sync_playwright
 
-# In the order of .ci/browser.
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+# In the order of .ci/browser; the shell is Chromium without its desktop program.
+NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 # Without a GPU: WebGL is drawn by SwiftShader, and the page as on any machine without a graphics card; with
 # --use-angle=swiftshader SwiftShader would put the page together too, at five times the cost. /dev/shm is small in
 # containers, and a full one crashes pages.

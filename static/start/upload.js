@@ -170,7 +170,11 @@ function send(row, kind, file, camera) {
   });
 }
 
+// What is said to be there is chosen already: who goes on at once goes on with it.
 async function landed(row, kind, file, entry, alone) {
+  await refresh([kind]);
+  if (kind === "models") chooseModel(entry.id);
+  if (kind === "scans") chooseScan(entry.id);
   setAttributes(row, { "data-state": "done" });
   row.querySelector("progress").value = 1;
   setText(row.querySelector(".progress-word"), bytes(file.size));
@@ -178,9 +182,6 @@ async function landed(row, kind, file, entry, alone) {
   setText(result, KINDS[kind].about(entry));
   result.hidden = false;
   away(row, "Dismiss");
-  await refresh([kind]);
-  if (kind === "models") chooseModel(entry.id);
-  if (kind === "scans") chooseScan(entry.id);
   if (kind === "recordings") {
     const link = row.querySelector(".go");
     link.href = `/sessions/${entry.id}/`;

@@ -1,12 +1,16 @@
 """Moving many poses at once: through joints, and by small random motions. Numba twins of `Edge.pose_parent_child`
 and `poses.perturb`, which are the specification.
 
-Single-threaded on purpose: these run on a few thousand poses, where starting threads costs more than it saves.
+With few poses starting threads costs more than it saves; the search moves hundreds of thousands.
 """
 
 import numpy as np
+from numba import get_num_threads, prange
 
 from pmpnbp.potentials.kernels.compiling import inner, kernel
+
+# Below this many poses a parallel launch costs more than it saves; poses are dealt to the threads in blocks.
+PARALLEL_FROM, BLOCK = 4096, 64
 
 
 @inner()
@@ -45,6 +49,62 @@ def _invert(a, out):  # type: ignore[no-untyped-def]
 
 
 @kernel()
+def _through_range(  # type: ignore[no-untyped-def]
+    start, stop, poses_from, edge, to_child, axis_positions, axis_count, before, revolute, axes, after, out
+):
+    """`through_joints` of the poses numbered `start` to `stop` of G M."""
+    relative = np.empty(7)
+    scratch = np.empty(7)
+    motion = np.empty(7)
+    first = np.empty(7)
+    for place in range(start, stop):
+        g, m = place // poses_from.shape[1], place % poses_from.shape[1]
+        e = edge[g]
+        # all positions have the way to the first axis in common
+        if to_child[g]:
+            _multiply(poses_from[g, m], before[e, 0], first)
+        else:
+            for c in range(7):
+                first[c] = before[e, 0, c]
+        for d in range(axis_positions.shape[2]):
+            for k in range(axis_count[e]):
+                if k == 0:
+                    for c in range(7):
+                        scratch[c] = first[c]
+                else:
+                    _multiply(relative, before[e, k], scratch)
+                q = axis_positions[g, m, d, k]
+                motion[:] = 0.0
+                if revolute[e, k]:
+                    sine = np.sin(0.5 * q)
+                    motion[3] = np.cos(0.5 * q)
+                    for c in range(3):
+                        motion[4 + c] = sine * axes[e, k, c]
+                else:
+                    motion[3] = 1.0
+                    for c in range(3):
+                        motion[c] = q * axes[e, k, c]
+                _multiply(scratch, motion, relative)
+            if to_child[g]:
+                _multiply(relative, after[e], out[g, m, d])
+            else:
+                _multiply(relative, after[e], scratch)
+                _invert(scratch, relative)
+                _multiply(poses_from[g, m], relative, out[g, m, d])
+
+
+@kernel(parallel=True)
+def _through_parallel(  # type: ignore[no-untyped-def]
+    count, poses_from, edge, to_child, axis_positions, axis_count, before, revolute, axes, after, out
+):
+    for block in prange((count + BLOCK - 1) // BLOCK):
+        start = np.int64(block) * BLOCK
+        stop = min(count, start + BLOCK)
+        _through_range(
+            start, stop, poses_from, edge, to_child, axis_positions, axis_count, before, revolute, axes, after, out
+        )
+
+
 def through_joints(poses_from, edge, to_child, axis_positions, axis_count, before, revolute, axes, after, out):  # type: ignore[no-untyped-def]
     """Poses of the part on the other side of an edge.
 
@@ -53,44 +113,12 @@ def through_joints(poses_from, edge, to_child, axis_positions, axis_count, befor
     axis_count (E,), before (E, K, 7), revolute (E, K), axes (E, K, 3), after (E, 7) : the edge table
     out : (G, M, D, 7)
     """
-    relative = np.empty(7)
-    scratch = np.empty(7)
-    motion = np.empty(7)
-    first = np.empty(7)
-    for g in range(poses_from.shape[0]):
-        e = edge[g]
-        for m in range(poses_from.shape[1]):
-            # all positions have the way to the first axis in common
-            if to_child[g]:
-                _multiply(poses_from[g, m], before[e, 0], first)
-            else:
-                for c in range(7):
-                    first[c] = before[e, 0, c]
-            for d in range(axis_positions.shape[2]):
-                for k in range(axis_count[e]):
-                    if k == 0:
-                        for c in range(7):
-                            scratch[c] = first[c]
-                    else:
-                        _multiply(relative, before[e, k], scratch)
-                    q = axis_positions[g, m, d, k]
-                    motion[:] = 0.0
-                    if revolute[e, k]:
-                        sine = np.sin(0.5 * q)
-                        motion[3] = np.cos(0.5 * q)
-                        for c in range(3):
-                            motion[4 + c] = sine * axes[e, k, c]
-                    else:
-                        motion[3] = 1.0
-                        for c in range(3):
-                            motion[c] = q * axes[e, k, c]
-                    _multiply(scratch, motion, relative)
-                if to_child[g]:
-                    _multiply(relative, after[e], out[g, m, d])
-                else:
-                    _multiply(relative, after[e], scratch)
-                    _invert(scratch, relative)
-                    _multiply(poses_from[g, m], relative, out[g, m, d])
+    count = poses_from.shape[0] * poses_from.shape[1]
+    table = (axis_count, before, revolute, axes, after)
+    if count * axis_positions.shape[2] < PARALLEL_FROM or get_num_threads() == 1:
+        _through_range(0, count, poses_from, edge, to_child, axis_positions, *table, out)
+    else:
+        _through_parallel(count, poses_from, edge, to_child, axis_positions, *table, out)
 
 
 @kernel()

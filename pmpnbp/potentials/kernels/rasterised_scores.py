@@ -100,7 +100,7 @@ def _add_object_range(
     terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4], terms[5])
     # what lies on a long surface counts by whether that goes on beyond the outline, known here and not part by part
     whole32 = (terms[0], terms[1], terms[2], terms[3], _ONE, terms[5])
-    patch_counts = patch_room(count)
+    patch_counts = patch_room(count, view[2])
     weighed = robust and count > 1 and terms[4] < _ONE
     for i in range(start, len(poses), step):
         box, stride = draw_object(poses[i], view, mesh, room, None)

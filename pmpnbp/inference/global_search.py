@@ -23,7 +23,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import log_weights as lw
 from pmpnbp.inference.belief import FLIP, OWN, START, SURFACE, Belief, IterationReport, Origin, State
 from pmpnbp.inference.chain_growth import grow
-from pmpnbp.inference.hypotheses import Hypotheses, Proposals, distinct, walk
+from pmpnbp.inference.hypotheses import Hypotheses, Proposals, distinct, ranked, walk
 from pmpnbp.inference.initialisation import matched_roots, prior_roots, random_joints
 from pmpnbp.inference.joint_sweep import elsewhere, sweep
 from pmpnbp.inference.problem import Problem
@@ -53,6 +53,8 @@ EFFECTIVE_SHARE = 0.15
 FINAL_TOLERANCE = 2.0
 # Joints of the winner that may be put elsewhere after that.
 SWEEPS = 3
+# Finalists go on unless their score is worse than the best by a larger share; right ones were by a third at most.
+HOPELESS = 0.5
 # Rivals contest the best one where their score is worse by a smaller share.
 CLOSE = 0.15
 
@@ -113,19 +115,22 @@ def _searched(rng: np.random.Generator, state: State, problem: Problem) -> tuple
     number = state.iteration + 1
     plan = problem.schedule(number)
     proposals, kept = _proposals(rng, state, problem, plan, number)
-    tried = grow(rng, problem, proposals, plan) if problem.long_chain else walk(rng, problem, proposals, plan, kept)
-    total = problem.plus_prior(tried.unary.sum(axis=1), tried.part_poses[:, problem.prior_node])
     islands = _islands(problem, number)
-    order = _ranked(tried, total, islands)
+    if problem.long_chain:
+        tried = grow(rng, problem, proposals, plan)
+    else:
+        tried = walk(rng, problem, proposals, plan, kept, COMPARED * islands)
+    total = problem.plus_prior(tried.unary.sum(axis=1), tried.part_poses[:, problem.prior_node])
+    order = ranked(total, tried.ancestor, COMPARED * islands)
     leaders, member_of = distinct(problem, tried, order, RENDERED * islands, DISTINCT * plan.diffusion_position)
     whole = configuration_scores(problem, tried.roots[leaders], tried.joints[leaders], plan.tolerance)
-    ranked = np.argsort(-whole, kind="stable")[:islands]
+    best_first = np.argsort(-whole, kind="stable")[:islands]
     if number == problem.search_iterations:
-        tried, total = _settled(rng, problem, tried.taken(leaders[ranked]), plan)
+        tried, total = _settled(rng, problem, tried.taken(leaders[best_first]), plan)
         order = leaders = member_of = np.arange(len(total))
-        whole, ranked = total, np.argsort(-total, kind="stable")
-    belief, inverse_temperature = _belief(problem, tried, total, order, member_of, leaders, whole, ranked)
-    best = leaders[ranked[0]]
+        whole, best_first = total, np.argsort(-total, kind="stable")
+    belief, inverse_temperature = _belief(problem, tried, total, order, member_of, leaders, whole, best_first)
+    best = leaders[best_first[0]]
     new = State(iteration=number, belief=belief, root=tried.roots[best], joints=tried.joints[best])
     report = IterationReport.of(
         new,
@@ -133,7 +138,7 @@ def _searched(rng: np.random.Generator, state: State, problem: Problem) -> tuple
         inverse_temperature=inverse_temperature,
         tolerance=plan.tolerance,
         map_poses=tried.part_poses[best],
-        map_score=float(whole[ranked[0]]),
+        map_score=float(whole[best_first[0]]),
         seconds=time.perf_counter() - began,
     )
     return new, report
@@ -144,17 +149,6 @@ def _islands(problem: Problem, number: int) -> int:
     say little, fewer by and by, and those of the setting in the end."""
     left = (problem.search_iterations - number) / max(problem.search_iterations - 1, 1)
     return round(problem.settings.search_islands * (1 + (FIRST_ISLANDS - 1) * left))
-
-
-def _ranked(tried: Hypotheses, total: Array, islands: int) -> NDArray[np.int64]:
-    """Rows of those worth comparing, best first: the best of each island's offspring, so that none is lost because the
-    sum over parts ranks it low, then the best of all."""
-    order = np.argsort(-total, kind="stable")
-    lineage = tried.ancestor[order]
-    _, first = np.unique(lineage, return_index=True)
-    heirs = order[np.sort(first[lineage[first] >= 0])]
-    rest = order[: COMPARED * islands]
-    return np.concatenate([heirs, rest[~np.isin(rest, heirs)]])
 
 
 def _settled(
@@ -171,15 +165,15 @@ def _settled(
         first = finalists.taken(np.arange(min(effort.mistaken, len(finalists.roots))))
         finalists = finalists.joined(look_alikes(rng, problem, first, plan, effort.alike))
     finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, 1)
-    finalists = finalists.taken(np.argsort(-score, kind="stable")[: effort.stay])
+    finalists = _promising(problem, finalists, score, plan, effort.stay)
     finalists = finalists.joined(_with_a_joint_elsewhere(rng, problem, finalists, plan, effort.stay))
     finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, 1)
-    finalists = finalists.taken(np.argsort(-score, kind="stable")[: effort.stay])
+    finalists = _promising(problem, finalists, score, plan, effort.stay)
     finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, effort.rounds)
-    order = np.argsort(-score, kind="stable")
-    chosen, _ = distinct(problem, finalists, order, effort.rivals, plan.diffusion_position)
+    rivals = _promising(problem, finalists, score, plan, effort.stay)
+    rivals = rivals.taken(np.arange(min(effort.rivals, len(rivals.roots))))
     tight = _tight(problem)
-    rivals, score = _polished(rng, problem, finalists.taken(chosen), plan, tight, effort.last_rounds)
+    rivals, score = _polished(rng, problem, rivals, plan, tight, effort.last_rounds)
     if effort.mistaken:
         rivals, score = _contested(rng, problem, rivals, score, replace(plan, tolerance=tight), effort)
     best = int(score.argmax())
@@ -188,13 +182,23 @@ def _settled(
     return replace(rivals, roots=roots, joints=joints, part_poses=problem.mrf.part_poses(roots, joints)), score
 
 
+def _promising(problem: Problem, tried: Hypotheses, score: Array, plan: Schedule, most: int) -> Hypotheses:
+    """Of the `most` best of those tried, best first, one for each place they came to, and none far behind the best."""
+    order = np.argsort(-score, kind="stable")[:most]
+    order = order[score[order] >= score.max() - HOPELESS * abs(score.max())]
+    chosen, _ = distinct(problem, tried, order, len(order), plan.diffusion_position)
+    return tried.taken(chosen)
+
+
 def _contested(
     rng: np.random.Generator, problem: Problem, rivals: Hypotheses, score: Array, plan: Schedule, effort: Settling
 ) -> tuple[Hypotheses, Array]:
-    """Rivals and their scores (H,); where several places come near the best, also what looks like these, and these with
-    a joint elsewhere, polished as long: of places that are nearly as good as each other none may be the right one."""
+    """Rivals and their scores (H,); where several places of the root come near the best, also what looks like these,
+    and these with a joint elsewhere, polished as long: of places that are nearly as good as each other none may be the
+    right one."""
     order = np.argsort(-score, kind="stable")
-    apart, _ = distinct(problem, rivals, order, len(order), plan.diffusion_position)
+    by_root = replace(rivals, unary=np.where(np.arange(problem.mrf.nodes) == 0, rivals.unary, 0.0))
+    apart, _ = distinct(problem, by_root, order, len(order), plan.diffusion_position)
     close = apart[score[apart] >= score.max() - CLOSE * abs(score.max())]
     if len(close) == 1:
         return rivals, score

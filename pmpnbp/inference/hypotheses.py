@@ -6,6 +6,7 @@ the scan, from the root outwards; `distinct` leaves one of those that say the sa
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from typing import Self
 
@@ -62,12 +63,18 @@ class Hypotheses(Proposals):
 
 
 def walk(
-    rng: np.random.Generator, problem: Problem, proposals: Proposals, plan: Schedule, kept: slice = slice(0)
+    rng: np.random.Generator,
+    problem: Problem,
+    proposals: Proposals,
+    plan: Schedule,
+    kept: slice = slice(0),
+    left: int | None = None,
 ) -> Hypotheses:
     """From the root outwards, give each joint the position at which the part behind it explains the scan best.
 
     Those in `kept` stay as they are, and offspring often stay near to their joints, so that what was found far out is
-    not lost with every step near the root.
+    not lost with every step near the root. Of P proposals `left` arrive, those in `kept` and the best of each island's
+    offspring beside: before every joint the same share is left behind, those whose parts so far explain least.
 
     Positions tried: the proposal's own, some near it, and stratified ones over the range, as many as bring the part
     within the tolerance of any place it can reach. Half of the proposals choose with some chance, so that a part that
@@ -84,16 +91,20 @@ def walk(
     )
     stays = np.zeros(count, dtype=bool)
     stays[kept] = True
-    for number in mrf.tree:
+    going = np.arange(count)
+    for place, number in enumerate(mrf.tree):
+        if left is not None and left < count:
+            most = math.ceil(count * (left / count) ** (place / len(mrf.tree)))
+            going = _ahead(unary, proposals.ancestor, stays, going, most)
         edge = mrf.model.edges[number]
         settled = edge.axis_positions(joints)
         if follows(mrf.model.edges, number):
-            trials = [(np.arange(count), settled[:, None])]
+            trials = [(going, settled[going, None])]
         else:
-            near = offspring & (rng.random(count) < CAUTION)
+            near = offspring[going] & (rng.random(len(going)) < CAUTION)
             trials = [
                 (rows, _trials(rng, edge, settled[rows], mrf.radii[edge.child], plan, all_over=all_over))
-                for rows, all_over in ((np.flatnonzero(near), False), (np.flatnonzero(~near), True))
+                for rows, all_over in ((going[near], False), (going[~near], True))
             ]
         for rows, axes in trials:
             tried, score = judged(problem, number, part_poses[rows, edge.parent], axes, plan.tolerance)
@@ -103,7 +114,27 @@ def walk(
             part_poses[rows, edge.child], unary[rows, edge.child] = tried[each, pick], score[each, pick]
             coordinates, positions = edge.joint_positions(axes[each, pick])
             joints[rows[:, None], coordinates] = positions
-    return Hypotheses(**vars(replace(proposals, joints=joints)), unary=unary, part_poses=part_poses)
+    arrived = Hypotheses(**vars(replace(proposals, joints=joints)), unary=unary, part_poses=part_poses)
+    return arrived if left is None else arrived.taken(_ahead(unary, proposals.ancestor, stays, going, left))
+
+
+def _ahead(
+    unary: Array, ancestor: NDArray[np.int32], stays: NDArray[np.bool_], going: NDArray[np.int64], most: int
+) -> NDArray[np.int64]:
+    """Of the rows `going` those that go on: as `ranked` has them by their parts so far, and those that stay."""
+    ahead = going[ranked(unary[going].sum(axis=1), ancestor[going], most)]
+    return np.union1d(ahead, going[stays[going]])
+
+
+def ranked(score: Array, ancestor: NDArray[np.int32], most: int) -> NDArray[np.int64]:
+    """Rows of the `most` best (P,), best first; before them the best offspring of each island, so that none is lost
+    because the sum over parts ranks it low."""
+    order = np.argsort(-score, kind="stable")
+    lineage = ancestor[order]
+    _, first = np.unique(lineage, return_index=True)
+    heirs = order[np.sort(first[lineage[first] >= 0])]
+    rest = order[:most]
+    return np.concatenate([heirs, rest[~np.isin(rest, heirs)]])
 
 
 def follows(edges: tuple[Edge, ...], number: int) -> bool:

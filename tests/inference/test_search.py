@@ -91,6 +91,31 @@ def test_every_other_hypothesis_takes_the_best_position_tried(rng: np.random.Gen
     np.testing.assert_allclose(tried.unary, 100.0 * tried.part_poses[..., 0])
 
 
+def test_of_a_walk_those_arrive_that_explain_most_and_all_that_must_not_get_lost(rng: np.random.Generator) -> None:
+    made = worlds.given_unary(worlds.sliding_chain(4), likes_x, worlds.settings(), particles=20)
+    count, left, kept = 400, 20, slice(100, 105)
+    roots = np.concatenate([rng.uniform(-1, 1, (count, 3)), poses.random_quaternions(rng, (count,))], axis=-1)
+    # whichever way the chains lie, one of the first ten is ahead of all others from the root on
+    roots[:10, 0] += 100.0
+    ancestor = np.where(np.arange(count) < 100, -1, rng.integers(50, size=count)).astype(np.int32)
+    joints, source = initialisation.random_joints(rng, made, count), np.full(count, OWN, dtype=np.uint8)
+    proposals = hypotheses.Proposals(roots=roots, joints=joints, source=source, ancestor=ancestor)
+    arrived = hypotheses.walk(rng, made, proposals, schedule(made.settings, 1), kept, left)
+    assert left <= len(arrived.roots) <= left + 5 + 50
+    again = made.mrf.model.part_poses(arrived.roots, arrived.joints)
+    np.testing.assert_allclose(arrived.part_poses[..., :3], again[..., :3], atol=1e-9)
+    for must in (roots[:10], roots[kept]):
+        assert all((arrived.roots == one).all(axis=1).any() for one in must)
+    assert set(ancestor) <= set(arrived.ancestor)
+
+
+def test_ranked_puts_the_best_of_each_island_before_the_best_of_all() -> None:
+    score = np.array([5.0, 9.0, 1.0, 7.0, 8.0, 2.0])
+    ancestor = np.array([-1, -1, 4, 4, 2, 2], dtype=np.int32)
+    np.testing.assert_array_equal(hypotheses.ranked(score, ancestor, 3), [4, 3, 1])
+    np.testing.assert_array_equal(hypotheses.ranked(score, ancestor, 9), [4, 3, 1, 0, 5, 2])
+
+
 def test_trials_cover_the_range_finely_enough_and_start_from_where_the_joint_is(rng: np.random.Generator) -> None:
     edge = worlds.sliding_chain(2, half_range=0.2).edges[0]
     plan = schedule(worlds.settings(), 1)
@@ -156,6 +181,29 @@ def test_a_searched_belief_is_made_of_whole_objects(scene: Problem, searched: li
         assert belief.origin.island[0, 0] == 0
         np.testing.assert_array_equal(report.map_poses, belief.poses[:, 0])
         np.testing.assert_array_equal(report.map_joints, belief.joint_positions[0])
+
+
+def test_finalists_go_on_once_for_each_place_and_not_where_hopeless(scene: Problem) -> None:
+    """Seven on four places, best last: three on the best, two a little behind, one far behind, one beyond the most."""
+    plan = schedule(scene.settings, 4, 4)
+    sideways = np.array([0.8, 0.6, 0.4, 0.4, 0.2, 0.2, 0.2])
+    score = np.array([10.0, 49.0, 70.0, 71.0, 98.0, 99.0, 100.0])
+    roots = np.tile(ROOT, (7, 1))
+    roots[:, 0] += sideways
+    joints = np.tile(JOINTS, (7, 1))
+    tried = hypotheses.Hypotheses(
+        roots=roots,
+        joints=joints,
+        source=np.full(7, SURFACE, dtype=np.uint8),
+        ancestor=np.arange(7, dtype=np.int32),
+        unary=np.ones((7, 3)),
+        part_poses=scene.mrf.part_poses(roots, joints),
+    )
+    for most, expected in ((7, [6, 3]), (5, [6, 3]), (3, [6])):
+        going_on = global_search._promising(scene, tried, score, plan, most)
+        np.testing.assert_array_equal(going_on.ancestor, expected)
+    gone_below = global_search._promising(scene, tried, score - 200.0, plan, 7)
+    np.testing.assert_array_equal(gone_below.ancestor, [6, 3])
 
 
 @pytest.mark.parametrize("close", [0.0, 1e3])

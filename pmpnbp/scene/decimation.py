@@ -9,9 +9,12 @@ measured, not promised: the largest distance between the two surfaces, both ways
 
 from __future__ import annotations
 
+import hashlib
+from threading import Lock
 from typing import TYPE_CHECKING
 
 import numpy as np
+from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
 from pmpnbp.scene.articulated_object import Mesh
@@ -23,8 +26,25 @@ if TYPE_CHECKING:
 
 SAMPLES = 4000
 VIEW_DIRECTIONS = 64
+# Bytes of meshes that are kept with what they were reduced to: the next session on the same model starts at once.
+KEPT = 64 * 2**20
 
 
+def _content(exact: list[Mesh], scanned: list[Mesh], budget: int) -> bytes:
+    """What `reduced` is given, in short."""
+    digest = hashlib.blake2b(repr((len(exact), budget)).encode(), digest_size=32)
+    for mesh in (*exact, *scanned):
+        for values in (mesh.vertices, mesh.faces):
+            digest.update(repr((values.shape, values.dtype.str)).encode())
+            digest.update(values.tobytes())
+    return digest.digest()
+
+
+def _bytes(found: tuple[Mesh, Mesh, float]) -> int:
+    return sum(mesh.vertices.nbytes + mesh.faces.nbytes for mesh in found[:2])
+
+
+@cached(LRUCache(maxsize=KEPT, getsizeof=_bytes), key=_content, lock=Lock())
 def reduced(exact: list[Mesh], scanned: list[Mesh], budget: int) -> tuple[Mesh, Mesh, float]:
     """A part's whole mesh, its inference mesh and the deviation of the latter, metres.
 

@@ -46,6 +46,19 @@ def test_a_part_within_the_budget_is_left_exactly_as_it_is() -> None:
     assert distance == 0
 
 
+def test_a_mesh_is_reduced_once_and_again_where_anything_of_it_differs() -> None:
+    first = reduced([], [fine_sphere()], 300)
+    assert reduced([], [fine_sphere()], 300) is first
+    larger, coarser, exact = (
+        reduced([], [fine_sphere(1.001)], 300),
+        reduced([], [fine_sphere()], 200),
+        reduced([fine_sphere()], [], 300),
+    )
+    assert larger is not first and np.abs(larger[0].vertices).max() == pytest.approx(1.001)
+    assert coarser is not first and len(coarser[1].faces) <= 200
+    assert exact is not first
+
+
 def test_primitives_stay_exact_beside_a_reduced_mesh() -> None:
     plate = shifted(box([1, 2, 3]), 5)
     mesh, small, distance = reduced([plate], [fine_sphere()], 500)

@@ -16,7 +16,7 @@ export PYTHONDONTWRITEBYTECODE :=
 
 # Files in the order that tests/conftest.py gives them, not by their number of tests. Failing tests are run again under
 # either instruction set, which tells whether the processor decides
-PYTEST := $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder \
+PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder \
   --explain-failures
 
 .PHONY: serve test test-baseline kernels kernels-baseline install lint format types benchmark clean system-packages browser

@@ -229,8 +229,8 @@ def _apparent(
 
 def _checked(pose: Array, shape: tuple[int, ...]) -> Array:
     """Poses as the kernels take them. One that is not finite, or far beyond any scene, becomes a pixel no kernel can
-    look up."""
-    pose = np.ascontiguousarray(pose, dtype=np.float64)
+    look up; those read back from a recording are read-only, for which each kernel would be compiled once more."""
+    pose = np.require(pose, np.float64, ("C", "W"))
     if pose.shape != shape:
         raise ValueError(f"poses have shape {pose.shape}; {shape} is expected")
     if pose.size and not (pose.max() < 1e4 and pose.min() > -1e4):
@@ -247,7 +247,7 @@ def _view(camera: Camera) -> tuple[Array, Array, int, int]:
 @lru_cache(maxsize=16)
 def _image(view: View) -> tuple[NDArray[np.int32], Array, Array, NDArray[np.int16], int]:
     """A view as the scoring kernels take it."""
-    depth = np.ascontiguousarray(view.depth, dtype=np.float32)
-    packed = pack_view(depth, np.ascontiguousarray(view.category, dtype=np.uint8))
+    depth = np.require(view.depth, np.float32, ("C", "W"))
+    packed = pack_view(depth, np.require(view.category, np.uint8, ("C", "W")))
     lens, pose_camera_world, _, _ = _view(view.camera)
     return packed, lens, pose_camera_world, pack_patches(view.patches), int(view.patches.max()) + 1

@@ -198,6 +198,16 @@ def test_render_says_which_part_is_in_front(surfaces: Surfaces) -> None:
     np.testing.assert_array_equal(depth > 0, number >= 0)
 
 
+def test_poses_of_a_recording_need_no_kernel_of_their_own(surfaces: Surfaces) -> None:
+    """They are read-only, which is a type of its own to numba."""
+    pose = np.tile(poses.IDENTITY, (len(surfaces.centres), 1))
+    expected, _ = render(EYE, surfaces, pose)
+    compiled = len(rasteriser.object_depth.signatures)
+    pose.setflags(write=False)
+    np.testing.assert_array_equal(render(EYE, surfaces, pose)[0], expected)
+    assert len(rasteriser.object_depth.signatures) == compiled
+
+
 def test_visible_fractions(surfaces: Surfaces) -> None:
     """A box half behind something the sensor saw in front, a ball wholly in front of the box, a tube behind it, and a
     plate outside the image."""

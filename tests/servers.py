@@ -21,12 +21,14 @@ from app.uploads.uploads import parsers_for
 
 @dataclass
 class Served:
-    """A server in this process. app : the FastAPI application, for what cannot be seen from outside."""
+    """A server in this process. app : the FastAPI application, for what cannot be seen from outside; stop : before the
+    test ends"""
 
     url: str
     config: ServerConfig
     client: httpx.Client
     app: Any
+    stop: Callable[[], None]
 
     def ready(self) -> Served:
         """Wait until the kernels are there, as sessions that run need them."""
@@ -49,7 +51,7 @@ def serving(data_dir: Path) -> Iterator[Callable[..., Served]]:
     from app.commands.serve import server_for
     from app.server import create_app
 
-    started: list[tuple[Any, threading.Thread, httpx.Client]] = []
+    stops: list[Callable[[], None]] = []
 
     def start(**settings: Any) -> Served:
         config = ServerConfig(**({"port": 0, "data_dir": data_dir, "requests_per_second": 1e5} | settings))
@@ -63,13 +65,17 @@ def serving(data_dir: Path) -> Iterator[Callable[..., Served]]:
         port = server.servers[0].sockets[0].getsockname()[1]
         headers = {} if config.token is None else {"Authorization": f"Bearer {config.token}"}
         client = httpx.Client(base_url=f"http://127.0.0.1:{port}", headers=headers, timeout=None)
-        started.append((server, thread, client))
-        return Served(str(client.base_url).rstrip("/"), replace(config, port=port), client, app)
+
+        def stop() -> None:
+            client.close()
+            server.should_exit = True
+            thread.join()
+
+        stops.append(stop)
+        return Served(str(client.base_url).rstrip("/"), replace(config, port=port), client, app, stop)
 
     try:
         yield start
     finally:
-        for server, thread, client in started:
-            client.close()
-            server.should_exit = True
-            thread.join()
+        for stop in stops:
+            stop()

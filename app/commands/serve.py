@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import asyncio
 import functools
 import logging
 import secrets
@@ -51,6 +52,10 @@ class Server(uvicorn.Server):
         """Pause and keep sessions, end streams, then connections."""
         from app.server import end_streams
 
+        # asyncio (until Python 3.12) fails on a connection that it accepts just as it stops listening, and leaks it
+        loop = asyncio.get_running_loop()
+        for listening in (listening for server in self.servers for listening in server.sockets):
+            loop.remove_reader(listening.fileno())
         await anyio.to_thread.run_sync(end_streams, self._app)
         await super().shutdown(sockets)
 

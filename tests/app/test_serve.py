@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import socket
@@ -9,13 +10,16 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import anyio.from_thread
 import httpx
 import pytest
 
+from app import server
 from app.commands.serve import link
 from app.routes.start_page import MEDIA_TYPES, STATIC
 from app.server_config import ServerConfig, config_from, default_data_dir, environment_name
@@ -41,6 +45,25 @@ def test_it_stops_at_once_while_streams_are_open(served_process: Callable[..., A
     with socket.create_connection((host, int(port))), socket.create_connection((host, int(port))) as half:
         half.sendall(b"GET /healthz HTTP/1.1\r\n")
         assert process.stop() == 0
+
+
+def test_who_comes_as_it_stops_is_turned_away(
+    serve: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Not accepted and forgotten: pages come back at once when their streams end."""
+    served, end_streams = serve(), server.end_streams
+
+    def and_somebody_comes(application: Any) -> None:
+        end_streams(application)
+        loop = anyio.from_thread.run_sync(asyncio.get_running_loop)
+        loop.call_soon_threadsafe(time.sleep, 0.3)  # until then it hears neither of the connection nor of our return
+        time.sleep(0.1)
+        with suppress(ConnectionRefusedError), socket.create_connection(("127.0.0.1", served.config.port)):
+            pass  # refused where they are ended once more, after it stopped listening
+
+    monkeypatch.setattr(server, "end_streams", and_somebody_comes)
+    served.stop()
+    assert not caplog.records, caplog.text
 
 
 def test_ctrl_c_is_no_failure(served_process: Callable[..., Any]) -> None:

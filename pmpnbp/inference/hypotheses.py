@@ -122,19 +122,21 @@ def _ahead(
     unary: Array, ancestor: NDArray[np.int32], stays: NDArray[np.bool_], going: NDArray[np.int64], most: int
 ) -> NDArray[np.int64]:
     """Of the rows `going` those that go on: as `ranked` has them by their parts so far, and those that stay."""
-    ahead = going[ranked(unary[going].sum(axis=1), ancestor[going], most)]
-    return np.union1d(ahead, going[stays[going]])
+    ahead = stays[going]
+    ahead[ranked(unary[going].sum(axis=1), ancestor[going], most)] = True
+    return going[ahead]
 
 
 def ranked(score: Array, ancestor: NDArray[np.int32], most: int) -> NDArray[np.int64]:
     """Rows of the `most` best (P,), best first; before them the best offspring of each island, so that none is lost
     because the sum over parts ranks it low."""
     order = np.argsort(-score, kind="stable")
-    lineage = ancestor[order]
-    _, first = np.unique(lineage, return_index=True)
-    heirs = order[np.sort(first[lineage[first] >= 0])]
-    rest = order[:most]
-    return np.concatenate([heirs, rest[~np.isin(rest, heirs)]])
+    first = np.full(ancestor.max(initial=-1) + 2, len(order))
+    np.minimum.at(first, ancestor[order], np.arange(len(order)))
+    heir, rest = np.zeros((2, len(order) + 1), dtype=bool)
+    heir[first[:-1]] = True  # the last place is of those without an island, -1
+    rest[:most] = ~heir[:most]
+    return np.concatenate([order[heir[:-1]], order[rest[:-1]]])
 
 
 def follows(edges: tuple[Edge, ...], number: int) -> bool:

@@ -106,20 +106,16 @@ def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> 
     assert isinstance(prior, UniformPrior)
     count = len(joints)
     part_poses = problem.mrf.part_poses(poses.IDENTITY, joints)
-    surfaces = [surface(part.inference_mesh) for part in problem.mrf.model.parts]
-    areas = np.array([each.area for each in surfaces])
+    whole = surface([part.inference_mesh for part in problem.mrf.model.parts])
     points, normals = np.empty((count, 3)), np.empty((count, 3))
     seen = np.empty(count, dtype=np.int64)
     upright_world = upright(observation.up)
     inclination = observation.normals @ observation.up
     waiting = np.arange(count)
     for _ in range(REDRAWS):
-        node = rng.choice(len(areas), size=len(waiting), p=areas / areas.sum())
-        for part in np.unique(node):
-            rows = waiting[node == part]
-            point, normal = drawn_points(rng, surfaces[part], len(rows))
-            points[rows] = poses.transform_points(part_poses[rows, part], point)
-            normals[rows] = poses.rotate(part_poses[rows, part, 3:], normal)
+        point, normal, part = drawn_points(rng, whole, len(waiting))
+        points[waiting] = poses.transform_points(part_poses[waiting, part], point)
+        normals[waiting] = poses.rotate(part_poses[waiting, part, 3:], normal)
         seen[waiting] = rng.integers(len(observation.points), size=len(waiting))
         if prior.orientation == "any":
             break

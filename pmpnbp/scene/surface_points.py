@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,35 +21,43 @@ def even_points(mesh: Mesh, count: int) -> Array:
     cumulative = np.cumsum(np.linalg.norm(_crosses(mesh), axis=1))
     steps = np.arange(count) + 0.5
     face = np.minimum(np.searchsorted(cumulative, steps / count * cumulative[-1]), len(mesh.faces) - 1)
-    return _within(mesh, face, (steps[:, None] * np.array([0.7548776662466927, 0.5698402909980532])) % 1.0)
+    return _within(
+        mesh.vertices[mesh.faces[face]], (steps[:, None] * np.array([0.7548776662466927, 0.5698402909980532])) % 1.0
+    )
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A mesh made ready to draw points from. normals : (F, 3) outward, unit length; areas : (F,) square metres"""
+    """Meshes made ready to draw points from, triangle by triangle.
 
-    mesh: Mesh
+    corners : (F, 3, 3) metres; normals : (F, 3) outward, unit length; areas : (F,) square metres
+    mesh : (F,) number of the mesh that each is of
+    """
+
+    corners: Array
     normals: Array
     areas: Array
-
-    @property
-    def area(self) -> float:
-        """Square metres."""
-        return float(self.areas.sum())
+    mesh: NDArray[np.int64]
 
 
-def surface(mesh: Mesh) -> Surface:
-    """The surface of a mesh."""
-    cross = _crosses(mesh)
+def surface(meshes: Sequence[Mesh]) -> Surface:
+    """The surface of meshes, each in its own frame."""
+    cross = np.concatenate([_crosses(mesh) for mesh in meshes])
     length = np.linalg.norm(cross, axis=1)
-    # a face without area has no normal, and is never drawn
-    return Surface(mesh, cross / np.where(length > 0, length, 1.0)[:, None], length / 2)
+    return Surface(
+        np.concatenate([mesh.vertices[mesh.faces] for mesh in meshes]),
+        # a face without area has no normal, and is never drawn
+        cross / np.where(length > 0, length, 1.0)[:, None],
+        length / 2,
+        np.repeat(np.arange(len(meshes)), [len(mesh.faces) for mesh in meshes]),
+    )
 
 
-def drawn_points(rng: np.random.Generator, of: Surface, count: int) -> tuple[Array, Array]:
-    """Points and outward normals (count, 3), uniform over the surface."""
+def drawn_points(rng: np.random.Generator, of: Surface, count: int) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Points and outward normals (count, 3), uniform over the surface, and the number of the mesh (count,) that each is
+    on."""
     face = rng.choice(len(of.areas), size=count, p=of.areas / of.areas.sum())
-    return _within(of.mesh, face, rng.random((2, count, 1))[..., 0].T), of.normals[face]
+    return _within(of.corners[face], rng.random((count, 2))), of.normals[face], of.mesh[face]
 
 
 def _crosses(mesh: Mesh) -> Array:
@@ -57,8 +66,8 @@ def _crosses(mesh: Mesh) -> Array:
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
-def _within(mesh: Mesh, face: NDArray[np.integer], uv: Array) -> Array:
-    """The place (n, 3) in each triangle `face` (n,) that two numbers `uv` (n, 2) between 0 and 1 name."""
+def _within(corners: Array, uv: Array) -> Array:
+    """The place (n, 3) in each triangle (n, 3, 3) that two numbers `uv` (n, 2) between 0 and 1 name."""
     uv = np.where(uv.sum(axis=1, keepdims=True) > 1.0, 1.0 - uv, uv)
-    a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face]], 1, 0)
+    a, b, c = np.moveaxis(corners, 1, 0)
     return a + uv[:, :1] * (b - a) + uv[:, 1:] * (c - a)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from threading import Lock
 
 import numpy as np
+from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -12,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from pmpnbp.geometry.poses import Array
 from pmpnbp.potentials.kernels import splat_models
 from pmpnbp.scene.articulated_object import ArticulatedObject
+from pmpnbp.scene.meshes import KEPT, content
 
 
 @dataclass(frozen=True)
@@ -47,18 +50,24 @@ class Surfaces:
         return self.points, self.areas, self.centres
 
 
-def prepare_surfaces(
-    model: ArticulatedObject, *, directions: int = 256, points: int = 256, rng: np.random.Generator | None = None
-) -> Surfaces:
-    """The surfaces of a model's parts, from their inference meshes.
+def _content(model: ArticulatedObject, *, directions: int = 256, points: int = 256) -> bytes:
+    return content([part.inference_mesh for part in model.parts], directions, points)
+
+
+def _bytes(made: Surfaces) -> int:
+    return sum(array.nbytes for array in vars(made).values())
+
+
+@cached(LRUCache(maxsize=KEPT, getsizeof=_bytes), key=_content, lock=Lock())
+def prepare_surfaces(model: ArticulatedObject, *, directions: int = 256, points: int = 256) -> Surfaces:
+    """The surfaces of a model's parts, from their inference meshes; a model's are always the same.
 
     directions : a square number, cells of an octahedral grid over the sphere; points : per direction
-    rng : orders the points; a fixed generator by default, so that a model's surfaces are always the same
     """
     size = round(directions**0.5)
     if size * size != directions:
         raise ValueError(f"directions is {directions}; a square number is expected, as 256")
-    generator = np.random.default_rng(0) if rng is None else rng
+    rng = np.random.default_rng(0)  # orders the points
     count = len(model.parts)
     meshes = [part.inference_mesh for part in model.parts]
     vertices = [np.asarray(mesh.vertices, dtype=np.float32).reshape(-1, 3) for mesh in meshes]
@@ -74,8 +83,8 @@ def prepare_surfaces(
         lower, upper = vertices[node].min(axis=0), vertices[node].max(axis=0)
         centres[node] = (lower + upper) / 2.0
         faces[node], one_sided[node] = _outward(vertices[node], faces[node])
-        order = np.argsort(generator.random((directions, points)), axis=1).astype(np.int32)
-        jitter = generator.random((directions, points))
+        order = np.argsort(rng.random((directions, points)), axis=1).astype(np.int32)
+        jitter = rng.random((directions, points))
         columns = np.ascontiguousarray(vertices[node].T), np.ascontiguousarray(faces[node].T)
         splat_models.sample_directions(*columns, size, order, jitter, clouds[node], areas[node])
     return Surfaces(

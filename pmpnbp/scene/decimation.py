@@ -9,7 +9,6 @@ measured, not promised: the largest distance between the two surfaces, both ways
 
 from __future__ import annotations
 
-import hashlib
 from threading import Lock
 from typing import TYPE_CHECKING
 
@@ -18,7 +17,7 @@ from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
 from pmpnbp.scene.articulated_object import Mesh
-from pmpnbp.scene.meshes import joined, welded
+from pmpnbp.scene.meshes import KEPT, content, joined, welded
 from pmpnbp.scene.surface_points import even_points
 
 if TYPE_CHECKING:
@@ -26,18 +25,10 @@ if TYPE_CHECKING:
 
 SAMPLES = 4000
 VIEW_DIRECTIONS = 64
-# Bytes of meshes that are kept with what they were reduced to: the next session on the same model starts at once.
-KEPT = 64 * 2**20
 
 
 def _content(exact: list[Mesh], scanned: list[Mesh], budget: int) -> bytes:
-    """What `reduced` is given, in short."""
-    digest = hashlib.blake2b(repr((len(exact), budget)).encode(), digest_size=32)
-    for mesh in (*exact, *scanned):
-        for values in (mesh.vertices, mesh.faces):
-            digest.update(repr((values.shape, values.dtype.str)).encode())
-            digest.update(values.tobytes())
-    return digest.digest()
+    return content([*exact, *scanned], len(exact), budget)
 
 
 def _bytes(found: tuple[Mesh, Mesh, float]) -> int:

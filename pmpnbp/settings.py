@@ -136,7 +136,7 @@ class Settings:
     )
     neighbour_sum: bool = _setting(True, "", "weigh message samples by the sender's other messages (box 1 step 2c)")
     anneal_iterations: int = _setting(
-        7, "iterations", "over which tolerance and diffusion shrink", paper=0, low=0, high=10_000
+        4, "iterations", "over which tolerance and diffusion shrink", paper=0, low=0, high=10_000
     )
     diffusion_position_start: float = _setting(0.04, "m", "diffusion of particles at first", low=0)
     diffusion_position_end: float = _setting(0.0015, "m", "diffusion of particles, once annealed", paper=0.01, low=0)

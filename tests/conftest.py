@@ -43,13 +43,6 @@ settings.register_profile("search", deadline=None, max_examples=2000, print_blob
 settings.load_profile("gate")
 
 
-@pytest.hookimpl(optionalhook=True)  # of xdist, which a single test can do without
-def pytest_xdist_auto_num_workers() -> int:
-    """One more than there are cores, at most five: a sixth of their time tests wait for browsers and servers."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(cores + 1, 5)
-
-
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Tests of LONG_FILES before all others; whatever is of one file stays in its order."""
     long = [config.rootpath / path for path in LONG_FILES]

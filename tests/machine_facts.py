@@ -53,16 +53,26 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         session.exitstatus = pytest.ExitCode.OK
 
 
+@pytest.hookimpl(optionalhook=True)  # of xdist, which a single test can do without
+def pytest_xdist_auto_num_workers() -> int:
+    """One more than there are cores, at most five: a sixth of their time tests wait for browsers and servers."""
+    return min(usable_cores() + 1, 5)
+
+
 def pytest_report_header() -> list[str]:
     return facts()
 
 
+def usable_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def facts() -> list[str]:
     """The machine, a line for each kind of fact."""
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     simd = " ".join(instruction_sets.numpy_features()) or "its minimum"
     return [
-        f"processor: {_processor()}; {usable} of {os.cpu_count()} cores may be used; load {_LOAD:.1f}",
+        f"processor: {_processor()}; {usable_cores()} of {os.cpu_count()} cores may be used; load {_LOAD:.1f}",
         f"instruction set: {instruction_sets.current()}; NumPy uses {simd}, "
         f"numba {instruction_sets.numba_processor()}, OpenBLAS {instruction_sets.blas_core()}",
         f"signals that the parent process ignored: {' '.join(_IGNORED) or 'none'}",

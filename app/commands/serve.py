@@ -54,8 +54,9 @@ class Server(uvicorn.Server):
 
         # asyncio (until Python 3.12) fails on a connection that it accepts just as it stops listening, and leaks it
         loop = asyncio.get_running_loop()
-        for listening in (listening for server in self.servers for listening in server.sockets):
-            loop.remove_reader(listening.fileno())
+        for server in self.servers:
+            for listening in server.sockets:
+                loop.remove_reader(listening.fileno())
         await anyio.to_thread.run_sync(end_streams, self._app)
         await super().shutdown(sockets)
 

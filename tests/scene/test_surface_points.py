@@ -51,3 +51,4 @@ def test_meshes_are_drawn_from_by_their_areas(rng: np.random.Generator) -> None:
 
 def test_areas_are_those_of_the_faces() -> None:
     assert surface([MESH]).areas.sum() == pytest.approx(2 * (8 + 4 + 2))
+    assert surface([Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32))]).areas.sum() == 0.0

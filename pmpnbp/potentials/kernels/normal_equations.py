@@ -87,7 +87,7 @@ def _add_range(
     view = (lens, pose_camera_world, width, height)
     room = scratch(mesh, width, height)
     terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4], terms[5])
-    patch_counts = patch_room(patch_count, view[2])
+    patch_counts = patch_room(patch_count, width)
     pixels = (np.empty((2, height * width), dtype=np.int32), np.empty((3, height * width)))
     size = probes.shape[1]
     slopes = np.empty((size, height * width))

@@ -51,7 +51,6 @@ ABLATIONS: dict[str, Mapping[str, object]] = {
     "neighbour_sum false": {"neighbour_sum": False},
     "anneal_iterations 0": {"anneal_iterations": 0},
     "search_iterations 0": {"search_iterations": 0},
-    "refine_iterations 0": {"refine_iterations": 0},
     "paper": {"preset": "paper"},
 }
 

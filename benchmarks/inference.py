@@ -100,11 +100,11 @@ def iteration_times(case: Case, settings: Settings, particles: int, repeats: int
     stage. Of each stage the first iteration is left out, unless it is the only one.
     """
     reference = reference_milliseconds()
-    short = shortened(settings, search=search, anneal=repeats, refine=repeats)
+    short = shortened(settings, search=search, anneal=repeats, refine=0)
     problem = problems.build(case.model, case.observation, UniformPrior("upright"), short, particles=particles, seed=0)
     state, _ = engine.begin(problem)
     taken: dict[str, list[float]] = {}
-    for _ in range(max(short.search_iterations + short.anneal_iterations + short.refine_iterations, repeats)):
+    for _ in range(max(short.search_iterations + short.anneal_iterations, repeats)):
         state, report = engine.advance(state, problem)
         taken.setdefault(report.stage, []).append(1000.0 * report.seconds)
     stages = {stage: float(np.median(times[1:] or times)) for stage, times in taken.items()}
@@ -150,7 +150,7 @@ def convergence(known: str, plan: Plan, say: Callable[[str], None] = progress) -
 
 def table(figures: dict[str, Any]) -> str:
     """The figures of `measure` as Markdown."""
-    cells = ["search (ms)", "belief propagation (ms)", "refine (ms)", "belief propagation / reference"]
+    cells = ["search (ms)", "belief propagation (ms)", "belief propagation / reference"]
     particles = [[case["preset"], case["particles"], *_time_cells(case)] for case in figures["by_particles"]]
     parts = [[case["object"], case["parts"], case["preset"], *_time_cells(case)] for case in figures["by_parts"]]
     ways = [
@@ -191,7 +191,7 @@ def table(figures: dict[str, Any]) -> str:
 
 
 def _time_cells(case: dict[str, Any]) -> list[str]:
-    stages = ("search", "belief propagation", "refine")
+    stages = ("search", "belief propagation")
     times = [f"{case['ms'][stage]:.1f}" if stage in case["ms"] else "–" for stage in stages]
     ratio = case["ratio"].get("belief propagation")
     return [*times, "–" if ratio is None else f"{ratio:.2f}"]

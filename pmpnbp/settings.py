@@ -136,7 +136,7 @@ class Settings:
     )
     neighbour_sum: bool = _setting(True, "", "weigh message samples by the sender's other messages (box 1 step 2c)")
     anneal_iterations: int = _setting(
-        4, "iterations", "over which tolerance and diffusion shrink", paper=0, low=0, high=10_000
+        2, "iterations", "over which tolerance and diffusion shrink", paper=0, low=0, high=10_000
     )
     diffusion_position_start: float = _setting(0.04, "m", "diffusion of particles at first", low=0)
     diffusion_position_end: float = _setting(0.0015, "m", "diffusion of particles, once annealed", paper=0.01, low=0)
@@ -158,7 +158,7 @@ class Settings:
         high=100,
     )
     search_proposals: int = _setting(
-        6000, "hypotheses", "tried in each iteration of the search, for every three joints", low=10, high=200_000
+        3000, "hypotheses", "tried in each iteration of the search, for every three joints", low=10, high=200_000
     )
     search_explained: float = _setting(
         0.8, "", "share of what the search's result covers that the scan must confirm, else it searches again", low=0
@@ -168,7 +168,7 @@ class Settings:
         40, "hypotheses", "distinct ones that survive each iteration of the search", low=1, high=2000
     )
     refine_iterations: int = _setting(
-        2, "iterations", "after annealing that score with the rasteriser instead of splats", paper=0, low=0, high=10_000
+        0, "iterations", "after annealing that score with the rasteriser instead of splats", paper=0, low=0, high=10_000
     )
     converged_motion: float = _setting(0.001, "m", "largest motion of any part between iterations at rest", low=0)
     converged_iterations: int = _setting(3, "iterations", "at rest in a row that count as converged", low=1, high=1000)

@@ -42,9 +42,11 @@ SHORTEST_MOVE, LONGEST_MOVE = 0.1, 1.5
 TURNED, TURNED_ABOUT_ANY = 0.3, 0.5
 # Hypotheses that are compared to tell distinct ones, and distinct ones that are rendered whole, for each island kept:
 # the sum over parts counts a pixel once for every part that claims it, so it may rank the best one low.
-COMPARED, RENDERED = 20, 4
+COMPARED, RENDERED = 10, 4
 # Islands that the first iteration leaves, in those of the last.
 FIRST_ISLANDS = 3
+# With a prior this share of them, as fewer places compete.
+INFORMED_ISLANDS = 0.5
 # Hypotheses nearer than this many diffusion lengths are one.
 DISTINCT = 1.5
 # Effective share of the islands' weights where the settings leave weights untempered.
@@ -81,7 +83,7 @@ class Settling:
 # Without a prior places of the same look compete, which differ by little until they are exact; a prior leaves mostly
 # one.
 SETTLE_UNINFORMED = Settling(finalists=40, mistaken=6, alike=20, stay=16, rounds=2, rivals=6, last_rounds=8)
-SETTLE_INFORMED = Settling(finalists=6, mistaken=0, alike=0, stay=4, rounds=2, rivals=2, last_rounds=4)
+SETTLE_INFORMED = Settling(finalists=20, mistaken=0, alike=0, stay=8, rounds=2, rivals=2, last_rounds=4)
 
 
 def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, IterationReport]:
@@ -148,7 +150,8 @@ def _islands(problem: Problem, number: int) -> int:
     """Islands that iteration `number` of the search leaves: FIRST_ISLANDS times the setting at first, as early scores
     say little, fewer by and by, and those of the setting in the end."""
     left = (problem.search_iterations - number) / max(problem.search_iterations - 1, 1)
-    return round(problem.settings.search_islands * (1 + (FIRST_ISLANDS - 1) * left))
+    share = 1.0 if isinstance(problem.prior, UniformPrior) else INFORMED_ISLANDS
+    return max(round(problem.settings.search_islands * share * (1 + (FIRST_ISLANDS - 1) * left)), 1)
 
 
 def _settled(

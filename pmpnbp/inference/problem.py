@@ -88,10 +88,9 @@ class Problem:
 
     @property
     def search_proposals(self) -> int:
-        """Hypotheses an iteration of the search tries: more for more joints, half as many with a gaussian prior, and
-        twice as many for any orientation."""
-        share = (1.0 + self.any_orientation) if isinstance(self.prior, UniformPrior) else 0.5
-        return round(self.settings.search_proposals * share * max(1.0, len(self.mrf.model.edges) / 3))
+        """Hypotheses an iteration of the search tries: more for more joints, twice as many for any orientation."""
+        share = (1 + self.any_orientation) * max(1.0, len(self.mrf.model.edges) / 3)
+        return round(self.settings.search_proposals * share)
 
     def schedule(self, iteration: int) -> Schedule:
         """What the annealing has reached in an iteration."""

@@ -24,9 +24,9 @@ from pmpnbp.potentials.unary import object_scores
 from pmpnbp.settings import Schedule
 
 # Small variations of the best configuration that are tried in one iteration, in two rounds.
-VARIATIONS = 12
+VARIATIONS = 8
 # Draws about the step of articulated registration, and about the present place, in each round.
-REGISTRATIONS = 8
+REGISTRATIONS = 6
 # Parts that are taken at their word in one iteration, drawn anew each time.
 ANCHORS = 4
 # Standard deviation in metres of the longest steps of a part along its joint.

@@ -112,7 +112,7 @@ def test_a_reduced_run_has_every_figure(tmp_path: Path, capsys: pytest.CaptureFi
     assert figures["kernels"]["cases"]
     stages = {(case["preset"], stage) for case in figures["inference"]["by_particles"] for stage in case["ms"]}
     assert ("paper", "belief propagation") in stages
-    assert {("robust", stage) for stage in ("search", "belief propagation", "refine")} <= stages
+    assert {("robust", stage) for stage in ("search", "belief propagation")} <= stages
     for case in [*figures["inference"]["by_particles"], *figures["inference"]["by_parts"]]:
         for stage, milliseconds in case["ms"].items():
             assert case["ratio"][stage] == pytest.approx(milliseconds / case["reference_ms"])

@@ -167,7 +167,8 @@ def test_the_estimate_agrees_with_the_tree_and_keeps_the_best_it_had(
 
 def test_every_report_agrees_with_the_tree(scene: problem.Problem) -> None:
     model = scene.mrf.model
-    small = replace(scene, settings=worlds.settings(search_iterations=2, search_proposals=200, anneal_iterations=2))
+    short = {"search_iterations": 2, "search_proposals": 200, "anneal_iterations": 2, "refine_iterations": 2}
+    small = replace(scene, settings=worlds.settings(**short))
     reports = list(run.iterate(small, 6))
     assert {report.stage for report in reports} == {"start", "search", "belief propagation", "refine"}
     for report in reports[1:]:

@@ -49,23 +49,49 @@ def _compared(room: Any, box: Any, stride: int, image: Any, terms: Any, patch_co
 
 
 @inner(error_model="numpy")
+def _moved_parts(before: Any, after: Any, moved: Any) -> None:
+    """Which of the parts are elsewhere at poses (N, 7) `after` than `before`."""
+    for node in range(len(before)):
+        moved[node] = False
+        for k in range(7):
+            moved[node] |= after[node, k] != before[node, k]
+
+
+@inner(error_model="numpy")
 def _slopes(
-    room: Any, box: Any, stride: int, width: int, pixels: Any, count: int, probe: float, steepest: float, out: Any
-) -> None:
-    """Change of each listed pixel's depth per unit of one parameter, from the render after a move by `probe`; 0 where
-    another part comes into view, or another surface of the same, `steepest` metres away."""
+    room: Any,
+    box: Any,
+    stride: int,
+    width: int,
+    moved: Any,
+    pixels: Any,
+    count: int,
+    probe: float,
+    steepest: float,
+    out: Any,
+    sloping: Any,
+) -> int:
+    """Change of each listed pixel's depth per unit of one parameter, from the render of the parts that a move by
+    `probe` moved; 0 where another part comes into view, or another surface of the same, `steepest` metres away. Lists
+    in `sloping` the pixels where it is not 0, and returns how many."""
     left, right, top, bottom = box
     places, lengths = pixels
+    found = 0
     for k in range(count):
-        row, column = places[0, k] // width, places[0, k] % width
         out[k] = 0.0
+        if not moved[places[1, k]]:
+            continue
+        row, column = places[0, k] // width, places[0, k] % width
         if top <= row <= bottom and left <= column <= right:
             place = (row - top) * stride + column - left
             w = room[5][place]
             if w > _ZERO and room[6][place] == places[1, k]:
                 change = 1.0 / w - lengths[0, k]
-                if abs(change) < steepest:
+                if change != 0.0 and abs(change) < steepest:
                     out[k] = change / probe
+                    sloping[found] = k
+                    found += 1
+    return found
 
 
 @kernel(error_model="numpy")
@@ -91,23 +117,32 @@ def _add_range(
     pixels = (np.empty((2, height * width), dtype=np.int32), np.empty((3, height * width)))
     size = probes.shape[1]
     slopes = np.empty((size, height * width))
+    # a joint moves few parts, and has a slope in their pixels only
+    moved = np.empty(poses.shape[2], dtype=np.bool_)
+    sloping, many = np.empty((size, height * width), dtype=np.int32), np.empty(size, dtype=np.int64)
     for h in range(start, len(poses), step):
-        box, stride = draw_object(poses[h, 0], view, mesh, room, room[6])
+        box, stride = draw_object(poses[h, 0], view, mesh, room, room[6], None)
         count = _compared(room, box, stride, image, terms32, patch_counts, pixels)
         for k in range(size):
-            box, stride = draw_object(poses[h, 1 + k], view, mesh, room, room[6])
-            _slopes(room, box, stride, width, pixels, count, probes[h, k], steepest, slopes[k])
+            _moved_parts(poses[h, 0], poses[h, 1 + k], moved)
+            box, stride = draw_object(poses[h, 1 + k], view, mesh, room, room[6], moved)
+            many[k] = _slopes(
+                room, box, stride, width, moved, pixels, count, probes[h, k], steepest, slopes[k], sloping[k]
+            )
         residuals, rewards = pixels[1][1], pixels[1][2]
         for gate in range(len(gates)):
             used = np.empty(count)
             for pixel in range(count):
                 used[pixel] = rewards[pixel] if abs(residuals[pixel]) < gates[gate] else 0.0
             for i in range(size):
-                for pixel in range(count):
+                for n in range(many[i]):
+                    pixel = sloping[i, n]
                     gradient[h, gate, i] += used[pixel] * slopes[i, pixel] * residuals[pixel]
                 for j in range(i + 1):
+                    fewer = i if many[i] < many[j] else j
                     total = 0.0
-                    for pixel in range(count):
+                    for n in range(many[fewer]):
+                        pixel = sloping[fewer, n]
                         total += used[pixel] * slopes[i, pixel] * slopes[j, pixel]
                     information[h, gate, i, j] += total
                     if j < i:

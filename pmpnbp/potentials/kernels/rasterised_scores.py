@@ -103,7 +103,7 @@ def _add_object_range(
     patch_counts = patch_room(count, view[2])
     weighed = robust and count > 1 and terms[4] < _ONE
     for i in range(start, len(poses), step):
-        box, stride = draw_object(poses[i], view, mesh, room, None)
+        box, stride = draw_object(poses[i], view, mesh, room, None, None)
         if weighed:
             weigh_patches(room[5], stride, box, packed, patches, terms32, patch_counts)
             out[i] += _sum_weighed(room[5], stride, box, packed, patches, patch_counts[2], whole32)

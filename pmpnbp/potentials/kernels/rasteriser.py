@@ -138,9 +138,9 @@ def draw_part(node: int, pose: Any, view: Any, mesh: Any, room: Any) -> Any:
 
 
 @inner(error_model="numpy")
-def draw_object(poses: Any, view: Any, mesh: Any, room: Any, owner: Any) -> Any:
+def draw_object(poses: Any, view: Any, mesh: Any, room: Any, owner: Any, which: Any) -> Any:
     """As `draw_part`, all parts at poses (N, 7) into one z-buffer. owner : that of `room`, to have each pixel's part
-    number beside it, or None"""
+    number beside it, or None; which : (N,) the parts that are drawn, or None for all"""
     vertices, faces, one_sided, vertex_offsets, face_offsets = mesh
     us, vs, ws, chosen, boxes, buffer, _ = room
     lens, pose_camera_world, width, height = view
@@ -148,7 +148,7 @@ def draw_object(poses: Any, view: Any, mesh: Any, room: Any, owner: Any) -> Any:
     for node in range(len(poses)):
         begin, end = vertex_offsets[node], vertex_offsets[node + 1]
         boxes[node, 0], boxes[node, 1] = 0, -1
-        if begin == end:
+        if begin == end or (which is not None and not which[node]):
             continue
         m = pose_in_camera(pose_camera_world, poses[node])
         box, near = project(_rows(vertices, begin, end), m, lens, width, height, us[begin:], vs[begin:], ws[begin:])
@@ -204,7 +204,7 @@ def object_depth(poses: NDArray[np.float64], view: Any, mesh: Any) -> Any:
     """As `part_depth` for all parts at poses (N, 7), and the part number (height, width) int16, -1 where nothing is."""
     width, height = view[2], view[3]
     room = scratch(mesh, width, height)
-    box, stride = draw_object(poses, view, mesh, room, room[6])
+    box, stride = draw_object(poses, view, mesh, room, room[6], None)
     depth = _depth_image(box, stride, room[5], width, height)
     number = np.full((height, width), -1, dtype=np.int16)
     left, right, top, bottom = box

@@ -91,7 +91,7 @@ class Settings:
     occlusion_cost: float = _setting(0.02, "", "cost of a pixel where something stands before the surface", low=0)
     support_reward: float = _setting(0.1, "", "largest reward of a pixel on a floor, wall or table", low=0)
     continued_reward: float = _setting(
-        0.1, "", "share of a pixel's reward on a smooth surface that goes on where the object ends", paper=1.0, low=0
+        0.0, "", "share of a pixel's reward on a smooth surface that goes on where the object ends", paper=1.0, low=0
     )
     depth_scale_std: float = _setting(
         0.0, "", "a camera's depths are all too long by one share, 0 give or take this; 0: by none", low=0, high=0.2

@@ -96,8 +96,8 @@ def iteration_times(case: Case, settings: Settings, particles: int, repeats: int
     """Median milliseconds of an iteration in each stage, from no prior: {"particles", "reference_ms", "ms": {stage: },
     "ratio": {stage: }}.
 
-    The schedule is shortened: `search` iterations of search, which are slow and all alike, and `repeats` of each other
-    stage. Of each stage the first iteration is left out, unless it is the only one.
+    The schedule is shortened: `search` iterations of search, which are slow and all alike, and `repeats` of belief
+    propagation. Of each stage the first iteration is left out, unless it is the only one.
     """
     reference = reference_milliseconds()
     short = shortened(settings, search=search, anneal=repeats, refine=0)

@@ -147,8 +147,8 @@ def _searched(rng: np.random.Generator, state: State, problem: Problem) -> tuple
 
 
 def _islands(problem: Problem, number: int) -> int:
-    """Islands that iteration `number` of the search leaves: FIRST_ISLANDS times the setting at first, as early scores
-    say little, fewer by and by, and those of the setting in the end."""
+    """Islands that iteration `number` of the search leaves: those of the setting in the end, with a prior
+    INFORMED_ISLANDS of these; FIRST_ISLANDS times as many at first, as early scores say little, and fewer by and by."""
     left = (problem.search_iterations - number) / max(problem.search_iterations - 1, 1)
     share = 1.0 if isinstance(problem.prior, UniformPrior) else INFORMED_ISLANDS
     return max(round(problem.settings.search_islands * share * (1 + (FIRST_ISLANDS - 1) * left)), 1)

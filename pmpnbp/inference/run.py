@@ -105,14 +105,14 @@ def advance(state: State, problem: Problem) -> tuple[State, IterationReport]:
 
 
 def converged(reports: Sequence[IterationReport], problem: Problem) -> bool:
-    """Whether the inference is at rest: the schedule (search, annealing, refinement) is over, and in none of the last
-    `converged_iterations` iterations has a part's estimate moved by more than `converged_motion`, neither at its
-    middle nor, by turning, at its rim. The last of the schedule count among them: a motion in these is no smaller."""
+    """Whether the inference is at rest: the schedule (search, annealing, refinement) is over, and over the last
+    `converged_iterations` iterations no part's estimate has moved by more than `converged_motion`, neither at its
+    middle nor, by turning, at its rim."""
     settings = problem.settings
     over = problem.search_iterations + settings.anneal_iterations + settings.refine_iterations
     needed = settings.converged_iterations
     recent = reports[-(needed + 1) :]
-    if len(recent) <= needed or recent[-1].iteration <= over:
+    if len(recent) <= needed or recent[1].iteration <= over:
         return False
     return all(
         motion(problem, before.map_poses, after.map_poses) <= settings.converged_motion

@@ -224,8 +224,8 @@ def test_converged_means_that_the_schedule_is_over_and_nothing_moved(made: Probl
         return [at(end - len(shifts) + 1 + k, shift) for k, shift in enumerate(shifts)]
 
     rest = [0.0] * (needed + 1)
-    assert run.converged(history(over + 1, *rest), made)
-    assert not run.converged(history(over, *rest), made)  # the schedule's last iteration
+    assert run.converged(history(over + needed, *rest), made)
+    assert not run.converged(history(over + needed - 1, *rest), made)  # one of the steps was still in the schedule
     assert not run.converged(history(over + needed, *rest[1:]), made)  # too few to tell
     step = settings.converged_motion
     assert run.converged(history(over + 9, *[0.9 * step * k for k in range(needed + 1)]), made)

@@ -21,9 +21,9 @@ from benchmarks import heldout, options
 from benchmarks.tables import markdown, progress
 from benchmarks.trials import Case, timed, warm_kernels
 from pmpnbp.geometry.poses import Array
-from pmpnbp.readout.estimate import agreeing, place
-from pmpnbp.readout.object_posterior import link_covariances
-from pmpnbp.readout.particle_statistics import std_xyz
+from pmpnbp.inference.tree_estimate import agreeing
+from pmpnbp.readout.estimate import place
+from pmpnbp.readout.posterior import read_out
 from pmpnbp.scene.prior import GaussianPrior
 from pmpnbp.settings import Settings
 
@@ -62,9 +62,9 @@ def _run(
         if made.at_rest is not None or made.report.iteration >= arguments.iterations:
             break
     root, joints = agreeing(made.problem, made.report)
-    rng = np.random.default_rng([seed, made.report.iteration])
-    drawn = std_xyz(link_covariances(rng, made.problem.taking(made.report.nuisances), root, joints))
-    spread = place(made.problem, made.report).std_xyz
+    placed = place(made.problem, made.report, read_out(made.problem, made.report))
+    drawn, spread = placed.std_xyz, placed.particle_std_xyz
+    assert drawn is not None  # the search is over
     errors = case.model.part_poses(root, joints)[:, :3] - case.true_poses[:, :3]
     return Run(kind, errors, (drawn[case.first_links], spread[case.first_links]))
 

@@ -19,9 +19,9 @@ from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run as engine
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.tree_estimate import agreeing
 from pmpnbp.potentials.surfaces import prepare_surfaces
 from pmpnbp.potentials.unary import visible_fractions
-from pmpnbp.readout.estimate import agreeing
 from pmpnbp.readout.metrics import add, add_s, model_points
 from pmpnbp.scene.articulated_object import ArticulatedObject, Part
 from pmpnbp.scene.observation import Observation

@@ -68,7 +68,8 @@ def run(arguments: argparse.Namespace) -> int:
     assert step is not None
     criteria = Criteria(max_std=arguments.max_std, truth=truth)
     elapsed = time.perf_counter() - began
-    result = snapshot(problem, step.report, criteria, converged=step.converged, elapsed=elapsed).result
+    found = snapshot(problem, step.report, criteria, converged=step.converged, elapsed=elapsed).read_out
+    result = found.result
     if arguments.out is not None or not interrupted:
         _write(result, arguments.out)
     if not interrupted:

@@ -10,7 +10,7 @@ from app.palette import hexadecimal, part_colour, part_colour_on_dark
 from app.problems import responses
 from app.routes.parameters import SessionId, sessions_of
 from app.schemas_particles import Graph
-from pmpnbp.readout.estimate import number_or_list
+from pmpnbp.readout.result import number_or_list
 from pmpnbp.scene.articulated_object import Joint
 
 router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"])

@@ -15,10 +15,11 @@ from app.schemas_particles import HeaviestParticles, Marginals, ParticleReasons
 from app.sessions.source import Source, no_view
 from pmpnbp.inference.belief import SOURCES
 from pmpnbp.json_text import without_nan
-from pmpnbp.readout.estimate import number_or_list, parts_of_links
 from pmpnbp.readout.marginals import marginals
 from pmpnbp.readout.particle_terms import ancestor_part, origin, terms
+from pmpnbp.readout.result import number_or_list
 from pmpnbp.readout.snapshot import Snapshot
+from pmpnbp.scene.articulated_object import parts_of_links
 
 router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"])
 

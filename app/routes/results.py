@@ -14,7 +14,7 @@ import anyio.to_thread
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
-from app import schemas
+from app import schemas_results as schemas
 from app.documentation import BINARY, answer
 from app.particle_files import MEDIA_TYPES, Format, written
 from app.problems import HttpProblem, responses
@@ -25,8 +25,8 @@ from app.store.store import safe_name
 from pmpnbp.errors import full_disk_told
 from pmpnbp.geometry import poses
 from pmpnbp.json_text import json_bytes
-from pmpnbp.readout.estimate import parts_of_links
 from pmpnbp.readout.snapshot import Snapshot
+from pmpnbp.scene.articulated_object import parts_of_links
 from pmpnbp.settings import SessionOptions
 
 router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"])
@@ -57,19 +57,33 @@ async def get_estimate(
     iteration: Iteration = None,
     wait: Annotated[Wait | None, Query(description="what to wait for; with `iteration` nothing is waited for")] = None,
     timeout: Annotated[float, Query(ge=0, le=600, description="seconds to wait, at most")] = 30.0,
+    posterior: Annotated[
+        bool, Query(description="read the posterior out though the inference is not at rest in that iteration")
+    ] = False,
 ) -> Response:
     """result.json with `session_id` and `state`. With `wait` the answer comes as soon as that is so, or the session
-    does not iterate, or the time is over; the answer itself tells which."""
+    does not iterate, or the time is over; the answer itself tells which. Members of the posterior are null before the
+    inference is at rest, unless `posterior` asks for them; during the search there is none."""
     # the newest at once where it was asked for before; all else in a thread
     session = await find_source(request, session_id)
     snapshot = session.archive.present
     if snapshot is None or iteration is not None or wait is not None:
         snapshot = await anyio.to_thread.run_sync(_asked_for, session, iteration, wait, timeout)
     tail = json_bytes({"session_id": session.id, "state": session.state})
+    if posterior:
+        snapshot = await anyio.to_thread.run_sync(_read_out, snapshot)
     text = snapshot.known_text
     if text is None:
-        text = await anyio.to_thread.run_sync(lambda: snapshot.result_text)
+        text = await anyio.to_thread.run_sync(_result_text, snapshot)
     return Response(text[:-1] + b"," + tail[1:], media_type="application/json")
+
+
+def _read_out(snapshot: Snapshot) -> Snapshot:
+    return snapshot.read_out
+
+
+def _result_text(snapshot: Snapshot) -> bytes:
+    return snapshot.result_text
 
 
 def _asked_for(session: Source, iteration: int | None, wait: Wait | None, timeout: float) -> Snapshot:
@@ -198,7 +212,8 @@ def get_decision(
         Query(gt=0, le=1e6, description="metres; default: the session's", examples=[SessionOptions.max_std]),
     ] = None,
 ) -> Any:
-    """act where every asked link's std_xyz is at most max_std along each axis, by the newest iteration."""
+    """By the newest iteration: act where every asked link is certain, no_fit where what should be seen is not seen,
+    else look. Before the inference is at rest there is no posterior, and nothing to act on."""
     session, snapshot = read(request, session_id)
     names = snapshot.problem.mrf.model.links
     asked = [*names] if links is None else list(dict.fromkeys(links.split(",")))
@@ -206,16 +221,31 @@ def get_decision(
     limit = snapshot.criteria.max_std if max_std is None else max_std
     certain = snapshot.placed.certain(limit)
     blocking = [link for link in asked if not certain[names.index(link)]]
+    action, reason = _action(snapshot, blocking, limit)
     return {
         "session_id": session.id,
         "iteration": snapshot.iteration,
-        "action": "look" if blocking else "act",
+        "action": action,
+        "reason": reason,
         "certain": not blocking,
         "max_std": limit,
         "links": asked,
         "blocking": blocking,
         "views": [],
     }
+
+
+def _action(snapshot: Snapshot, blocking: list[str], max_std: float) -> tuple[str, str]:
+    """What to do, and why."""
+    posterior = snapshot.placed.posterior
+    if posterior is None:
+        return "look", f"iteration {snapshot.iteration} is not at rest yet: nothing says how sure it is"
+    if posterior.fit.verdict != "good":
+        return "no_fit", posterior.fit.reason
+    if not blocking:
+        return "act", f"every asked link is known to {1000 * max_std:g} mm; {posterior.fit.reason}"
+    named = ", ".join(blocking[:3]) + (" and others" if len(blocking) > 3 else "")
+    return "look", f"{named} may be off by more than {1000 * max_std:g} mm"
 
 
 @router.get(

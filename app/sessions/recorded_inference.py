@@ -9,6 +9,7 @@ from functools import partial
 from pmpnbp.inference import run as engine
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.run import Step
+from pmpnbp.readout.posterior import at_rest
 from pmpnbp.readout.snapshot import Criteria, Snapshot, snapshot
 from pmpnbp.recording import Inputs, IterationArchive
 
@@ -35,7 +36,7 @@ class RecordedInference:
         """Make iteration 0 and a recording that begins with it."""
         began = time.perf_counter()
         step = engine.first(problem)
-        start = self._read_out(step, problem, criteria, time.perf_counter() - began)
+        start = self._read_out(step, problem, criteria, time.perf_counter() - began, None)
         self._archive.begin(inputs, step, start)
         self._elapsed = time.perf_counter() - began
         self._step, self._newest = step, start
@@ -63,7 +64,7 @@ class RecordedInference:
             step = engine.resumed(step.state, [step.report], problem)  # whether it is at rest is decided anew
         self._step = engine.following(step, problem)
         made = time.perf_counter() - began
-        self._newest = self._read_out(self._step, problem, before.criteria, self._elapsed + made)
+        self._newest = self._read_out(self._step, problem, before.criteria, self._elapsed + made, before)
         if before.known_text is not None:
             _ = self._newest.result_text  # who asked for the one before will ask for this one, and need not wait
         self._archive.add(self._step, self._newest, partial(self._announce, self._newest))
@@ -73,5 +74,19 @@ class RecordedInference:
         """Go on from the recording: what was not written was not made."""
         self._step = self._newest = None
 
-    def _read_out(self, step: Step, problem: Problem, criteria: Criteria, elapsed: float) -> Snapshot:
-        return snapshot(problem, step.report, criteria, converged=step.converged, elapsed=elapsed, event=self._number())
+    def _read_out(
+        self, step: Step, problem: Problem, criteria: Criteria, elapsed: float, before: Snapshot | None
+    ) -> Snapshot:
+        posterior = None
+        if step.converged:
+            known = before.placed.posterior if before is not None and before.problem is problem else None
+            posterior = at_rest(problem, step.report, known)
+        return snapshot(
+            problem,
+            step.report,
+            criteria,
+            converged=step.converged,
+            elapsed=elapsed,
+            event=self._number(),
+            posterior=posterior,
+        )

@@ -329,6 +329,8 @@ class Session(Source):
             "until": self._until,
             "converged": row["converged"] and not changed,
             "certain": row["certain"] and not changed,
+            "fit": None if changed else row["fit"],
+            "fit_reason": None if changed else row["fit_reason"],
             "error": self._error,
             "position": self._slots.position(self) if self.state == "waiting" else None,
         }

@@ -6,7 +6,7 @@ import json
 
 from pydantic import ValidationError
 
-from app.schemas import TraceRow
+from app.schemas_results import TraceRow
 from pmpnbp.readout.snapshot import Row
 from pmpnbp.recording.trace_rows import event_of
 from pmpnbp.scene.articulated_object import ArticulatedObject
@@ -19,9 +19,12 @@ def row_of(text: str, model: ArticulatedObject) -> Row | None:
         json.dumps(row, allow_nan=False)
     except (ValueError, ValidationError, RecursionError):
         return None
-    stds = row["std_xyz"]
-    if not 0 <= row["iteration"] < 2**31 or any(len(axes) != 3 for axes in stds.values()):
+    if not 0 <= row["iteration"] < 2**31 or set(row["effective_sample_size"]) != {part.name for part in model.parts}:
         return None
-    if set(stds) != set(model.links) or set(row["effective_sample_size"]) != {part.name for part in model.parts}:
+    for stds in (row["std_xyz"], row["particle_std_xyz"]):
+        if stds is not None and (set(stds) != set(model.links) or any(len(axes) != 3 for axes in stds.values())):
+            return None
+    told = row["posterior_iteration"]
+    if (told is None) != (row["std_xyz"] is None) or (told is not None and not 0 <= told <= row["iteration"]):
         return None
     return {**row, "event": event_of(row["iteration"])}

@@ -17,7 +17,7 @@ from app.sessions.source import Source, no_view
 from app.sessions.trace_row import row_of
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.json_text import without_nan
-from pmpnbp.readout.estimate import pose_members
+from pmpnbp.readout.result import pose_members
 from pmpnbp.readout.snapshot import Criteria
 from pmpnbp.recording import Change, Inputs, IterationArchive, Recording
 from pmpnbp.recording.trace_rows import event_of
@@ -80,6 +80,8 @@ class UploadedRecording(Source):
             "until": "iterations",
             "converged": row["converged"],
             "certain": row["certain"],
+            "fit": row["fit"],
+            "fit_reason": row["fit_reason"],
             "error": self.archive.damage,
             "position": None,
         }

@@ -37,6 +37,8 @@ COARSE = 1.5
 ESTIMATE, FAINT, GHOST, SUPPORT, ELLIPSOID = 0.62, 0.12, 0.22, 0.30, 0.6
 # The palest a particle of little weight gets: share of the way to the background.
 PALEST = 0.75
+# Draws of the posterior whose outlines are drawn, and how far towards the background.
+DRAWS, PALE_DRAW = 8, 0.45
 # Nats below the heaviest from which on a particle is as pale as can be.
 FAINTEST = 12.0
 
@@ -64,8 +66,13 @@ def frame(
         # the categories' colours are to be seen then, not the parts'
         opacity = FAINT if show.scan and state.colour_scan == "explained" else ESTIMATE
         nodes += _posed("/estimate", stage, part_poses, colours(stage, theme), opacity, state)
-    if show.ellipsoids:
-        nodes.append(_ellipsoids("/ellipsoids", snapshot, stage, part_poses, colours(stage, theme), state))
+    placed = snapshot.placed
+    if show.ellipsoids and placed.spread is not None:
+        nodes.append(_ellipsoids("/ellipsoids", placed.spread.covariances, stage, part_poses, state))
+    if show.particle_ellipsoids:
+        nodes.append(_ellipsoids("/particle_ellipsoids", placed.particle_covariances, stage, part_poses, state))
+    if show.draws:
+        nodes += _draws(snapshot, stage, state)
     if show.particles:
         nodes += _particles(snapshot.report.belief, stage, state)
     if show.axes and state.part in names:
@@ -141,12 +148,18 @@ def _posed(
 
 
 def _ellipsoids(
-    name: str, snapshot: Snapshot, stage: Stage, part_poses: Array, painted: tuple[Colour, ...], state: ViewState
+    name: str,
+    covariances: Array,
+    stage: Stage,
+    part_poses: Array,
+    state: ViewState,
+    painted: tuple[Colour, ...] | None = None,
 ) -> Ellipsoids:
+    """covariances : (L, 6, 6) of the links; painted : each part's colour, its own where none is given"""
     # a part's frame is that of its first link
     rows = [stage.model.links.index(part.links[0]) for part in stage.model.parts]
-    covariances = snapshot.placed.covariances[rows, :3, :3]
-    turns, radii = ellipsoids(covariances, state.confidence)
+    turns, radii = ellipsoids(covariances[rows, :3, :3], state.confidence)
+    painted = colours(stage, state.theme) if painted is None else painted
     # the larger an ellipsoid, the more is behind it that is to be seen
     opacities = np.clip(0.1 * ELLIPSOID * stage.size / radii.max(axis=1), FAINT, ELLIPSOID)
     return Ellipsoids(
@@ -157,6 +170,24 @@ def _ellipsoids(
         np.array(painted, dtype=np.uint8),
         opacities.astype(np.float32),
     )
+
+
+def _draws(snapshot: Snapshot, stage: Stage, state: ViewState) -> Iterator[Lines]:
+    """Outlines of parts that are not certain, where draws of the posterior have them."""
+    posterior = snapshot.placed.posterior
+    if posterior is None:
+        return
+    certain = snapshot.placed.certain(snapshot.criteria.max_std)
+    chosen = posterior.even_draws(DRAWS)
+    drawn = stage.model.part_poses(posterior.drawn_roots[chosen], posterior.drawn_joints[chosen])
+    for number, (part, shape, colour) in enumerate(
+        zip(stage.model.parts, stage.shapes, colours(stage, state.theme), strict=True)
+    ):
+        if shape is None or all(certain[stage.model.links.index(link)] for link in part.links):
+            continue
+        pale = _mixed(colour, BACKGROUND[state.theme], PALE_DRAW)
+        for place, pose in enumerate(drawn[:, number]):
+            yield Lines(f"/draws/{number}/{place}", shape.edges, pale, 1.0, pose)
 
 
 def _particles(belief: Belief, stage: Stage, state: ViewState) -> Iterator[Points]:
@@ -225,8 +256,9 @@ def _compared(snapshot: Snapshot, stage: Stage, state: ViewState) -> Iterator[No
     grey = tuple(QUIET[state.theme] for _ in stage.shapes)
     part_poses = snapshot.placed.part_poses
     yield from _posed("/compare", stage, part_poses, grey, GHOST, state)
-    if state.show.ellipsoids:
-        yield _ellipsoids("/compare/ellipsoids", snapshot, stage, part_poses, grey, state)
+    spread = snapshot.placed.spread
+    if state.show.ellipsoids and spread is not None:
+        yield _ellipsoids("/compare/ellipsoids", spread.covariances, stage, part_poses, state, grey)
 
 
 def _mixed(one: Colour, other: Colour, share: float) -> Colour:

@@ -60,20 +60,29 @@ class Layers(Body):
     scan: bool = _layer(True, "Scan", "points of the scan", "the scan's points")
     camera: bool = _layer(True, "Scan", "camera", "the frustum of each scan's camera")
     image: bool = _layer(False, "Scan", "depth image in the camera", "the depth image in the frustum")
-    particles: bool = _layer(True, "Belief", "particles", "every part's particles, where the part's frame is")
+    particles: bool = _layer(True, "Algorithm", "particles", "every part's particles, where the part's frame is")
+    particle_ellipsoids: bool = _layer(
+        False, "Algorithm", "ellipsoids of the particles", "the covariance of each part's particles, at `confidence`"
+    )
     axes: bool = _layer(
-        False, "Belief", "axes of the best particles", "the orientations of the selected part's 24 heaviest particles"
+        False, "Algorithm", "axes of the best particles", "orientations of the selected part's 24 heaviest particles"
     )
     estimate: bool = _layer(True, "Object", "estimate", "the parts where the estimate has them")
     ellipsoids: bool = _layer(
-        True, "Belief", "covariance ellipsoids", "the covariance of each part's position, at `confidence`"
+        True,
+        "Belief",
+        "covariance ellipsoids",
+        "the posterior's covariance of each part's position, at `confidence`; none before the inference is at rest",
+    )
+    draws: bool = _layer(
+        True, "Belief", "where else it may be", "outlines of uncertain parts where the posterior's draws have them"
     )
     truth: bool = _layer(False, "Object", "truth", "outlines of the parts where they really are, where that is known")
     planes: bool = _layer(False, "Scan", "support planes", "the support planes that were found")
     region: bool = _layer(False, "To drag", "region of interest", "`region` as a box whose corners can be dragged")
     prior: bool = _layer(False, "To drag", "prior", "`prior` as a frame that can be dragged and turned")
     messages: bool = _layer(
-        False, "Belief", "messages of the chosen edge", "the particles of both messages of the selected edge"
+        False, "Algorithm", "messages of the chosen edge", "the particles of both messages of the selected edge"
     )
 
 

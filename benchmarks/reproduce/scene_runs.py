@@ -14,9 +14,8 @@ from benchmarks.reproduce.run_log import Asked, Result
 from benchmarks.trials import PROJECT, Case, load_case, load_roi, rough_prior, timed, warm_kernels
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
-from pmpnbp.readout.estimate import Placement, agreeing, place
-from pmpnbp.readout.object_posterior import link_covariances
-from pmpnbp.readout.particle_statistics import std_xyz
+from pmpnbp.readout.estimate import Placement, place
+from pmpnbp.readout.posterior import read_out
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
@@ -102,7 +101,7 @@ def perform(asked: Asked) -> Result:
         method=variant.method,
     ):
         report, placed = made.report, place(made.problem, made.report)
-        rows.append((made.seconds, case.errors(report.map_poses), _std(case, placed.std_xyz)))
+        rows.append((made.seconds, case.errors(report.map_poses), _std(case, placed.particle_std_xyz)))
         if report.iteration in keep:
             kept[str(report.iteration)] = _drawn(case, report, placed)
         if asked.get("stop_at_rest", False) and made.at_rest is not None:
@@ -114,13 +113,12 @@ def perform(asked: Asked) -> Result:
     seconds, add, std = zip(*rows, strict=True)
     more = {}
     if asked.get("posterior", False):
-        rng = np.random.default_rng([asked["seed"], report.iteration])
-        taken = made.problem.taking(report.nuisances)
-        drawn = link_covariances(rng, taken, *agreeing(taken, report))
-        more["posterior"] = {
-            "std": np.round(_std(case, std_xyz(drawn)), 6).tolist(),
-            "covariances": _positions(case, drawn).tolist(),
-        }
+        told = place(made.problem, report, read_out(made.problem, report))
+        if told.spread is not None and told.std_xyz is not None:
+            more["posterior"] = {
+                "std": np.round(_std(case, told.std_xyz), 6).tolist(),
+                "covariances": _positions(case, told.spread.covariances).tolist(),
+            }
     return more | {
         "parts": [part.name for part in case.model.parts],
         "judged": case.judged.tolist(),
@@ -206,5 +204,5 @@ def _drawn(case: Case, report: IterationReport, placed: Placement) -> dict[str, 
     return {
         "particles": np.round([belief.poses[node, taken, :3] for node, taken in enumerate(rows)], 4).tolist(),
         "poses": np.round(report.map_poses, 6).tolist(),
-        "covariances": _positions(case, placed.covariances).tolist(),
+        "covariances": _positions(case, placed.particle_covariances).tolist(),
     }

@@ -110,6 +110,7 @@ class State:
 
     root, joints : the whole-object estimate so far, None before the first; nuisances : (K,) what it takes these for,
         see `potentials/nuisances.py`, or None
+    rivals : (R, 7 + D) root pose and joint vector of each place that the search compared last, or None without one
     """
 
     iteration: int
@@ -118,6 +119,7 @@ class State:
     root: Float[Array, " 7"] | None = None
     joints: Float[Array, " dof"] | None = None
     nuisances: Float[Array, " nuisances"] | None = None
+    rivals: Float[Array, "rivals configuration"] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,6 +136,7 @@ class IterationReport:
         the parts need not agree with a tree; map_score : whole-object log score
     seconds : wall time of the iteration
     nuisances : (K,) what the estimate takes these for, see `potentials/nuisances.py`, or None
+    rivals : those of the state that the iteration led to
     """
 
     iteration: int
@@ -150,6 +153,7 @@ class IterationReport:
     seconds: float
     notes: tuple[str, ...] = ()
     nuisances: Float[Array, " nuisances"] | None = None
+    rivals: Float[Array, "rivals configuration"] | None = None
 
     @classmethod
     def of(
@@ -181,6 +185,7 @@ class IterationReport:
             map_score=map_score,
             seconds=seconds,
             nuisances=state.nuisances,
+            rivals=state.rivals,
         )
 
 

@@ -65,7 +65,7 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     belief, shares, kept = combine(problem, samples, own, unary, messages)
 
     root, joints, map_poses, score, nuisances = improve(rng, problem, state, belief, plan)
-    new = State(iteration=number, belief=belief, messages=kept, root=root, joints=joints, nuisances=nuisances)
+    new = replace(state, iteration=number, belief=belief, messages=kept, root=root, joints=joints, nuisances=nuisances)
     report = IterationReport.of(
         new,
         "refine" if refining else "belief propagation",

@@ -92,11 +92,12 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     state, report = _searched(rng, state, problem)
     if state.iteration < problem.search_iterations:
         return state, report
-    shares = [_explained(problem, report)]
+    shares, rivals = [_explained(problem, report)], [state.rivals]
     while shares[-1] < problem.settings.search_explained and len(shares) <= problem.settings.search_restarts:
         other, its_report = state, report
         for number in range(problem.search_iterations):
             other, its_report = _searched(rng, replace(other, iteration=number), problem)
+        rivals.append(other.rivals)
         if its_report.map_score > report.map_score:
             state, report = other, its_report
         shares.append(_explained(problem, report))
@@ -104,7 +105,10 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
         f"the search was made {len(shares)} times, as the scan confirmed {100 * shares[0]:.0f} % of what the first had "
         f"found; it confirms {100 * shares[-1]:.0f} % of the best",
     )
-    return state, replace(report, notes=notes[: len(shares) - 1], seconds=time.perf_counter() - began)
+    if len(rivals) > 1:
+        state = replace(state, rivals=np.concatenate([some for some in rivals if some is not None]))
+    told = notes[: len(shares) - 1]
+    return state, replace(report, rivals=state.rivals, notes=told, seconds=time.perf_counter() - began)
 
 
 def _explained(problem: Problem, report: IterationReport) -> float:
@@ -127,13 +131,15 @@ def _searched(rng: np.random.Generator, state: State, problem: Problem) -> tuple
     leaders, member_of = distinct(problem, tried, order, RENDERED * islands, DISTINCT * plan.diffusion_position)
     whole = configuration_scores(problem, tried.roots[leaders], tried.joints[leaders], plan.tolerance)
     best_first = np.argsort(-whole, kind="stable")[:islands]
+    rivals = None
     if number == problem.search_iterations:
         tried, total = _settled(rng, problem, tried.taken(leaders[best_first]), plan)
         order = leaders = member_of = np.arange(len(total))
         whole, best_first = total, np.argsort(-total, kind="stable")
+        rivals = np.concatenate([tried.roots, tried.joints], axis=1)[best_first]
     belief, inverse_temperature = _belief(problem, tried, total, order, member_of, leaders, whole, best_first)
     best = leaders[best_first[0]]
-    new = State(iteration=number, belief=belief, root=tried.roots[best], joints=tried.joints[best])
+    new = State(iteration=number, belief=belief, root=tried.roots[best], joints=tried.joints[best], rivals=rivals)
     report = IterationReport.of(
         new,
         "search",

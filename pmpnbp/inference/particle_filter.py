@@ -12,6 +12,7 @@ Dellaert, Fox, Burgard, Thrun: Monte Carlo localization for mobile robots (ICRA 
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,7 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     plan = problem.schedule(number)
     belief, inverse_temperature = _weighed(problem, *draw(rng, state, problem, plan), plan)
     root, joints, map_poses, score, nuisances = improve(rng, problem, state, belief, plan)
-    new = State(iteration=number, belief=belief, root=root, joints=joints, nuisances=nuisances)
+    new = replace(state, iteration=number, belief=belief, root=root, joints=joints, nuisances=nuisances)
     report = IterationReport.of(
         new,
         "particle filter",

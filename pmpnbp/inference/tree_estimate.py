@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.belief import Belief, State
+from pmpnbp.inference.belief import Belief, IterationReport, State
 from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.mrf import LEAST_LEVER, Mrf
 from pmpnbp.inference.nuisance_fit import fitted
@@ -67,6 +67,25 @@ def improve(
     if problem.nuisances is not None:
         root, q, nuisances, score = fitted(rng, problem, root, q, plan, plan.tolerance)
     return root, q, problem.mrf.part_poses(root, q), score, nuisances
+
+
+def agreeing(problem: Problem, report: IterationReport) -> tuple[Array, Array]:
+    """Root pose (7,) and joint vector (D,) of the report's estimate.
+
+    Where the report's part poses are those of the tree, as the whole-object estimate leaves them, they are taken as
+    they are. Where each part's pose is its own best particle (the paper's estimate, and the start), each part in turn
+    is kept where it is and the others are brought as near to their own as the joints allow; of these configurations
+    the one stands that, rendered whole, explains the scan best.
+    """
+    model = problem.mrf.model
+    joints = report.map_joints
+    # the paper's estimate has no joint vector of its own
+    if joints is not None and np.allclose(model.part_poses(report.map_poses[0], joints), report.map_poses, atol=1e-9):
+        return report.map_poses[0], joints
+    found = [assemble(problem.mrf, report.map_poses[None], anchor) for anchor in range(len(report.map_poses))]
+    roots, vectors = np.concatenate([root for root, _ in found]), np.concatenate([q for _, q in found])
+    best = int(configuration_scores(problem, roots, vectors, problem.tolerance_end).argmax())
+    return roots[best], vectors[best]
 
 
 def polish(

@@ -7,6 +7,7 @@ inference chooses, so everything here is a log potential up to scale, in pixels 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -162,6 +163,17 @@ def render(
     return depth, number
 
 
+def renders(
+    observation: Observation, surfaces: Surfaces, poses_world_part: Array, nuisances: Array | None = None
+) -> Iterator[tuple[View, Array, NDArray[np.float32], NDArray[np.int16]]]:
+    """For each view: the view; the part poses (N, 7) as it has them under `nuisances` (K,), see
+    `potentials/nuisances.py`; depth and part number as from `render`."""
+    pose = _checked(poses_world_part, (len(surfaces.centres), 7))
+    for place, view in enumerate(observation.views):
+        seen = _apparent(observation, surfaces, place, pose, np.arange(len(pose)), nuisances)
+        yield view, seen, *render(view.camera, surfaces, seen)
+
+
 def render_part(camera: Camera, surfaces: Surfaces, part: int, pose_world_part: Array) -> NDArray[np.float32]:
     """Depth (h, w), metres, 0 where nothing is, of one part alone at a pose (7,), as `camera` sees it."""
     pose = _checked(pose_world_part, (7,))
@@ -181,13 +193,10 @@ def visible_fractions(
 
     Pixels beyond the image do not count; a part that covers no pixel has 0.
     """
-    pose = _checked(poses_world_part, (len(surfaces.centres), 7))
-    fractions = np.zeros(len(pose))
-    for place, view in enumerate(observation.views):
-        seen = _apparent(observation, surfaces, place, pose, np.arange(len(pose)), nuisances)
-        depth, number = render(view.camera, surfaces, seen)
+    fractions = np.zeros(len(surfaces.centres))
+    for view, seen, depth, number in renders(observation, surfaces, poses_world_part, nuisances):
         hidden = in_front(view.depth, depth, tolerance)
-        for node in range(len(pose)):
+        for node in range(len(fractions)):
             alone = render_part(view.camera, surfaces, node, seen[node])
             covered = np.count_nonzero(alone)
             if covered:
@@ -200,10 +209,8 @@ def explained_share(observation: Observation, surfaces: Surfaces, poses_world_pa
     """Share, 0 to 1, of the pixels that the parts at poses (N, 7) cover together and nothing else is in front of, by
     more than `tolerance` metres: each counts as the robust score has it, 1 at the observed depth, 0 from `tolerance`
     beside it on. Pixels without depth do not count; where none does the share is 0."""
-    pose = _checked(poses_world_part, (len(surfaces.centres), 7))
     explained, counted = 0.0, 0
-    for view in observation.views:
-        depth, number = render(view.camera, surfaces, pose)
+    for view, _, depth, number in renders(observation, surfaces, poses_world_part):
         behind = (view.depth - depth)[(number >= 0) & (view.depth > 0)].astype(np.float64)
         compared = behind[behind > -tolerance]
         explained += float(np.maximum(0.0, 1.0 - (compared / tolerance) ** 2).sum())

@@ -1,14 +1,13 @@
-"""Where is every link, where stands every joint, and how sure is that? Reads an iteration out into `result.json`.
+"""Where is every link, where stands every joint, and how sure is that? Reads an iteration out.
 
-Part poses and joint positions always agree with the kinematic tree: see `agreeing`. Everything is reported for links,
-though the inference knows parts only: a part's particles are carried to each of its links.
+Part poses and joint positions always agree with the kinematic tree: see `tree_estimate.agreeing`. Everything is
+reported for links, though the inference knows parts only. How sure one can be is the posterior's to say; the particles'
+own spread stands beside it, under names that begin with `particle`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,51 +16,58 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
-from pmpnbp.inference.tree_estimate import assemble, configuration_scores
+from pmpnbp.inference.tree_estimate import agreeing
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import visible_fractions
 from pmpnbp.readout import particle_statistics
 from pmpnbp.readout.object_posterior import nuisance_stds
-from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
+from pmpnbp.readout.posterior import Posterior, Spread, link_modes, spread
+from pmpnbp.scene.articulated_object import ArticulatedObject, Joint, parts_of_links
 from pmpnbp.settings import SessionOptions
 
-SCHEMA = "pmpnbp/estimate-1"
-OF_RUN = ["model", "method", "seed", "iteration", "converged", "frame_id", "stamp", "certain", "max_std", "seconds"]
 # The scan may be this much in front of a part's surface, metres, and still be the part: noise, a slightly wrong pose.
 VISIBLE_TOLERANCE = 0.02
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Where everything is, and how far the particles are spread about it: the part of an estimate that is soon made.
+    """Where everything is, how far the particles are spread about it, and the posterior: what is soon told.
 
-    part_poses : (N, 7), part in world; joint_positions, joint_stds : (D,) the joint vector; both agree with the tree
-    link_poses : (L, 7), link in world, in the model's order; covariances : (L, 6, 6), see
-    `particle_statistics.covariance`; particles : (T, L, 7), those of every link, link in world; particle i of
-    a link has the weight of particle i of the part that `parts_of_links` names
+    part_poses : (N, 7), part in world; joint_positions : (D,) the joint vector; both agree with the tree
+    link_poses : (L, 7), link in world, in the model's order; particles : (T, L, 7), those of every link, link in world;
+    particle i of a link has the weight of particle i of the part that `parts_of_links` names
+    particle_covariances : (L, 6, 6), see `particle_statistics.covariance`
+    posterior : what the scan leaves open, and `spread` the same about the estimate; None where it was not read out
     """
 
     part_poses: Array
     joint_positions: Array
-    joint_stds: Array
     link_poses: Array
-    covariances: Array
     particles: Array
+    particle_covariances: Array
+    posterior: Posterior | None
+    spread: Spread | None
 
     @property
-    def std_xyz(self) -> Array:
-        """(L, 3) standard deviations of the positions along the world's axes, metres."""
-        return particle_statistics.std_xyz(self.covariances)
+    def std_xyz(self) -> Array | None:
+        """(L, 3) standard deviations of the positions along the world's axes, metres, or None."""
+        return None if self.spread is None else particle_statistics.std_xyz(self.spread.covariances)
 
     def certain(self, max_std: float) -> NDArray[np.bool_]:
-        """(L,): whether every element of a link's `std_xyz` is at most `max_std`, metres."""
-        found: NDArray[np.bool_] = np.all(self.std_xyz <= max_std, axis=1)
-        return found
+        """(L,): which links are certain, up to `max_std`, metres: see `posterior.Spread.certain`."""
+        if self.posterior is None or self.spread is None:
+            return np.zeros(len(self.link_poses), dtype=bool)
+        return self.spread.certain(self.posterior, max_std)
+
+    @property
+    def particle_std_xyz(self) -> Array:
+        """(L, 3) standard deviations of the particles' positions along the world's axes, metres."""
+        return particle_statistics.std_xyz(self.particle_covariances)
 
 
 @dataclass(frozen=True)
 class ModeEstimate:
-    """One hypothesis of a link: weight; pose (7,) mean of its particles, link in world; covariance (6, 6) about it."""
+    """One hypothesis of a link: weight; pose (7,), link in world; covariance (6, 6) about it."""
 
     weight: float
     pose: Array
@@ -73,33 +79,44 @@ class LinkEstimate:
     """A link of the URDF.
 
     part : the part it belongs to, or that it was reached from where it is in none
-    pose : (7,), link in world; covariance : (6, 6) of the belief about it, see `particle_statistics.covariance`
+    pose : (7,), link in world
+    covariance : (6, 6) of the posterior about it, see `particle_statistics.covariance`; expected_add : metres, the mean
+        distance over the surface (eq. 12) that the posterior expects; both None where there is no posterior,
+        expected_add also without a surface
+    certain : see `posterior.Spread.certain`
     visible_fraction : 0 to 1, log_likelihood : natural log of the unary potential; both of its part at the estimate,
         and None where it is in no part that has a surface
-    modes : the hypotheses, heaviest first
+    modes : the posterior's hypotheses, heaviest first; none where there is no posterior
+    particle_std_xyz : (3,) metres, the spread of the particles; particle_modes : the hypotheses among these
     """
 
     name: str
     part: int
     pose: Array
-    covariance: Array
+    covariance: Array | None
+    expected_add: float | None
+    certain: bool
     visible_fraction: float | None
     log_likelihood: float | None
     modes: tuple[ModeEstimate, ...]
+    particle_std_xyz: Array
+    particle_modes: tuple[ModeEstimate, ...]
 
     @property
-    def std_xyz(self) -> Array:
-        """(3,) standard deviations of the position along the world's axes, metres."""
-        return particle_statistics.std_xyz(self.covariance)
+    def std_xyz(self) -> Array | None:
+        """(3,) standard deviations of the position along the world's axes, metres, or None."""
+        return None if self.covariance is None else particle_statistics.std_xyz(self.covariance)
 
 
 @dataclass(frozen=True)
 class JointEstimate:
-    """A moving joint: position, std, lower, upper (K,), metres or radians, of its K axes (1; planar 3, floating 6)."""
+    """A moving joint: position, std, lower, upper (K,) and interval (K, 2), the central 90 % of the posterior, metres
+    or radians, of its K axes (1; planar 3, floating 6); std and interval are None where there is no posterior."""
 
     joint: Joint
     position: Array
-    std: Array
+    std: Array | None
+    interval: Array | None
     lower: Array
     upper: Array
 
@@ -116,11 +133,21 @@ class NuisanceEstimate:
 
 
 @dataclass(frozen=True)
+class Alternative:
+    """One hypothesis of the whole object: weight; link_poses (L, 7), in the model's order; joint_positions (D,)."""
+
+    weight: float
+    link_poses: Array
+    joint_positions: Array
+
+
+@dataclass(frozen=True)
 class Estimate:
     """What an iteration says about the object.
 
     part_poses : (N, 7), part in world; joint_positions : (D,) the joint vector; both agree with the tree
     depth_noise : standard deviation of each view's depths at the object, metres, that the inference goes by
+    posterior : what the scan leaves open, or None where it was not read out; alternatives : its modes, heaviest first
     """
 
     model: str
@@ -138,34 +165,61 @@ class Estimate:
     joints: tuple[JointEstimate, ...]
     depth_noise: tuple[float, ...]
     nuisances: tuple[NuisanceEstimate, ...] = ()
-
-    def link_certain(self, link: LinkEstimate) -> bool:
-        """Whether every element of the link's `std_xyz` is at most `max_std`."""
-        return bool(np.all(link.std_xyz <= self.max_std))
+    posterior: Posterior | None = None
+    alternatives: tuple[Alternative, ...] = ()
 
     @property
     def certain(self) -> bool:
         """Whether every link is."""
-        return all(self.link_certain(link) for link in self.links)
+        return all(link.certain for link in self.links)
+
+    @property
+    def fit(self) -> str | None:
+        """Whether what should be seen is seen: good, doubtful or none; None where there is no posterior."""
+        return None if self.posterior is None else self.posterior.fit.verdict
+
+    @property
+    def fit_reason(self) -> str | None:
+        """Why, in a sentence."""
+        return None if self.posterior is None else self.posterior.fit.reason
+
+    @property
+    def explained(self) -> float | None:
+        """The share of what should be seen that the scan confirms, 0 to 1."""
+        return None if self.posterior is None else self.posterior.fit.explained
+
+    @property
+    def effective_draws(self) -> float | None:
+        """How many draws of equal weight would tell as much as the posterior's."""
+        return None if self.posterior is None else self.posterior.effective_sample_size
+
+    @property
+    def posterior_iteration(self) -> int | None:
+        """The iteration that the posterior was read out from: at rest the first one, as long as the estimate stays."""
+        return None if self.posterior is None else self.posterior.iteration
 
 
-def place(problem: Problem, report: IterationReport) -> Placement:
-    """Where the estimate of an iteration has everything. The same problem and report give the same numbers."""
+def place(problem: Problem, report: IterationReport, posterior: Posterior | None = None) -> Placement:
+    """Where the estimate of an iteration has everything. The same arguments give the same numbers.
+
+    posterior : as `posterior.read_out` gave it, where it did
+    """
     model, belief = problem.mrf.model, report.belief
     root, joints = agreeing(problem, report)
     part_poses = model.part_poses(root, joints)
     link_poses = model.link_poses(part_poses, joints)
     rng = np.random.default_rng([problem.seed, report.iteration])
     stds = particle_statistics.joint_stds(rng, model, belief, joints)
-    # Joints that a link outside all parts hangs on are spread as they are uncertain; a part's links do not see this.
-    spread = joints + stds * rng.standard_normal((belief.log_weights.shape[1], model.dof))
-    particles = model.link_poses(np.swapaxes(belief.poses, 0, 1), spread)
+    # Joints that a link outside all parts hangs on are spread as the particles are; a part's links do not see this.
+    moved = joints + stds * rng.standard_normal((belief.log_weights.shape[1], model.dof))
+    particles = model.link_poses(np.swapaxes(belief.poses, 0, 1), moved)
     weights, part = np.exp(belief.log_weights), parts_of_links(model)
     covariances = [
         particle_statistics.covariance(link_poses[row], particles[:, row], weights[part[name]])
         for row, name in enumerate(model.links)
     ]
-    return Placement(part_poses, joints, stds, link_poses, np.array(covariances), particles)
+    told = None if posterior is None else spread(problem, posterior, root, joints)
+    return Placement(part_poses, joints, link_poses, particles, np.array(covariances), posterior, told)
 
 
 def estimate(
@@ -179,7 +233,7 @@ def estimate(
 ) -> Estimate:
     """The estimate of an iteration. The same problem and report give the same numbers.
 
-    placed : what `place` gave, where it is there already
+    placed : what `place` gave, with the posterior where there is one
     max_std : metres, up to which a link is certain; seconds : wall time of the inference so far
     """
     problem = problem.taking(report.nuisances)
@@ -195,6 +249,8 @@ def estimate(
         particle_statistics.modes(belief.poses[node], weights[node], problem.mrf.centres[node])
         for node in range(len(part_poses))
     ]
+    posterior, told, certain = placed.posterior, placed.spread, placed.certain(max_std)
+    hypotheses = [[] for _ in model.links] if posterior is None else link_modes(model, posterior)
     reached_from = parts_of_links(model)
     with_surface = {link for part in model.parts if part.visible for link in part.links}
     links = []
@@ -207,16 +263,20 @@ def estimate(
             found.append(ModeEstimate(mode.weight, middle, particle_statistics.covariance(middle, own, share)))
         links.append(
             LinkEstimate(
-                name,
-                part,
-                placed.link_poses[row],
-                placed.covariances[row],
-                float(fractions[part]) if name in with_surface else None,
-                float(likelihoods[part]) if name in with_surface else None,
-                tuple(found),
+                name=name,
+                part=part,
+                pose=placed.link_poses[row],
+                covariance=None if told is None else told.covariances[row],
+                expected_add=None if told is None else _number(told.expected_add[row]),
+                certain=bool(certain[row]),
+                visible_fraction=float(fractions[part]) if name in with_surface else None,
+                log_likelihood=float(likelihoods[part]) if name in with_surface else None,
+                modes=tuple(ModeEstimate(*mode) for mode in hypotheses[row]),
+                particle_std_xyz=placed.particle_std_xyz[row],
+                particle_modes=tuple(found),
             )
         )
-    moving = tuple(_joint_estimate(joint, placed) for joint in model.joints if joint.kind != "fixed")
+    moving = tuple(_joint_estimate(joint, placed, told) for joint in model.joints if joint.kind != "fixed")
     return Estimate(
         model.name,
         problem.method,
@@ -233,6 +293,8 @@ def estimate(
         moving,
         tuple(problem.noise.tolist()),
         _nuisance_estimates(problem, part_poses[0], placed.joint_positions),
+        posterior,
+        () if posterior is None else _alternatives(model, posterior),
     )
 
 
@@ -247,98 +309,22 @@ def _nuisance_estimates(problem: Problem, root: Array, joints: Array) -> tuple[N
     )
 
 
-def agreeing(problem: Problem, report: IterationReport) -> tuple[Array, Array]:
-    """Root pose (7,) and joint vector (D,) of the report's estimate.
-
-    Where the report's part poses are those of the tree, as the whole-object estimate leaves them, they are taken as
-    they are. Where each part's pose is its own best particle (the paper's estimate, and the start), each part in turn
-    is kept where it is and the others are brought as near to their own as the joints allow; of these configurations
-    the one stands that, rendered whole, explains the scan best.
-    """
-    model = problem.mrf.model
-    joints = report.map_joints
-    # the paper's estimate has no joint vector of its own
-    if joints is not None and np.allclose(model.part_poses(report.map_poses[0], joints), report.map_poses, atol=1e-9):
-        return report.map_poses[0], joints
-    found = [assemble(problem.mrf, report.map_poses[None], anchor) for anchor in range(len(report.map_poses))]
-    roots, vectors = np.concatenate([root for root, _ in found]), np.concatenate([q for _, q in found])
-    best = int(configuration_scores(problem, roots, vectors, problem.tolerance_end).argmax())
-    return roots[best], vectors[best]
-
-
-def parts_of_links(model: ArticulatedObject) -> dict[str, int]:
-    """For every link the part it is in, or else that which `ArticulatedObject.link_poses` reaches it from."""
-    owner = {link: index for index, part in enumerate(model.parts) for link in part.links}
-    parent = {joint.child: joint.parent for joint in model.joints}
-    link = model.parts[0].links[0]
-    while link in parent:
-        link = parent[link]
-        owner.setdefault(link, 0)
-    for joint in model.joints:
-        owner.setdefault(joint.child, owner[joint.parent])
-    return owner
-
-
-def _joint_estimate(joint: Joint, placed: Placement) -> JointEstimate:
+def _joint_estimate(joint: Joint, placed: Placement, told: Spread | None) -> JointEstimate:
     lower, upper = joint.limits()
-    std = abs(joint.multiplier) * placed.joint_stds[list(joint.coordinates)]
-    return JointEstimate(joint, joint.positions(placed.joint_positions), std, lower, upper)
+    position = joint.positions(placed.joint_positions)
+    if told is None:
+        return JointEstimate(joint, position, None, None, lower, upper)
+    std = abs(joint.multiplier) * told.joint_stds[list(joint.coordinates)]
+    ends = np.sort([joint.positions(end) for end in told.joint_intervals], axis=0)
+    return JointEstimate(joint, position, std, ends.T, lower, upper)
 
 
-def to_result(found: Estimate, truth: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """The members of `result.json`, in its order; `truth`, what `errors` gives, comes last under that name."""
-    links = {
-        link.name: {
-            "pose": pose_members(link.pose),
-            "covariance": link.covariance.reshape(-1).tolist(),
-            "std_xyz": link.std_xyz.tolist(),
-            "certain": found.link_certain(link),
-            "visible_fraction": link.visible_fraction,
-            "log_likelihood": link.log_likelihood,
-            "modes": [
-                {
-                    "weight": mode.weight,
-                    "pose": pose_members(mode.pose),
-                    "covariance": mode.covariance.reshape(-1).tolist(),
-                }
-                for mode in link.modes
-            ],
-        }
-        for link in found.links
-    }
-    joints = {
-        entry.joint.name: {
-            "type": entry.joint.kind,
-            "position": number_or_list(entry.position),
-            "std": number_or_list(entry.std),
-            "lower": number_or_list(entry.lower),
-            "upper": number_or_list(entry.upper),
-            "parent": entry.joint.parent,
-            "child": entry.joint.child,
-        }
-        for entry in found.joints
-    }
-    result: dict[str, Any] = {
-        "schema": SCHEMA,
-        **{name: getattr(found, name) for name in OF_RUN},
-        "links": links,
-        "joints": joints,
-        "depth_noise": list(found.depth_noise),
-        "nuisances": {
-            entry.name: {"value": entry.value, "std": entry.std, "prior_std": entry.prior_std}
-            for entry in found.nuisances
-        },
-    }
-    return result if truth is None else result | {"truth": dict(truth)}
+def _alternatives(model: ArticulatedObject, posterior: Posterior) -> tuple[Alternative, ...]:
+    return tuple(
+        Alternative(mode.weight, model.link_poses(model.part_poses(mode.root, mode.joints), mode.joints), mode.joints)
+        for mode in posterior.modes
+    )
 
 
-def pose_members(pose: Array) -> dict[str, dict[str, float]]:
-    """A pose (7,) as JSON has it; the scalar part of its quaternion is not negative, so that equal poses look equal."""
-    x, y, z, qw, qx, qy, qz = (pose if pose[3] >= 0 else np.concatenate([pose[:3], -pose[3:]])).tolist()
-    return {"position": {"x": x, "y": y, "z": z}, "orientation": {"x": qx, "y": qy, "z": qz, "w": qw}}
-
-
-def number_or_list(values: Array) -> float | list[float]:
-    """A joint's (K,) numbers as REST and result.json have them: a number where it has one axis."""
-    numbers: list[float] = values.tolist()
-    return numbers[0] if len(numbers) == 1 else numbers
+def _number(value: float) -> float | None:
+    return None if np.isnan(value) else float(value)

@@ -1,16 +1,16 @@
-"""How sure can one be of the object, given the scan? Draws from the posterior of root pose and joint positions.
+"""How sure can one be of the object, given the scan? Weighted draws of root pose and joint positions about a mode.
 
 The belief's own spread follows its diffusion and is no uncertainty (docs/algorithm.md, "Spread"). Here the whole object
 is rendered at every draw and scored as the estimate is, and the score counts as the log likelihood, times CONFIDENCE:
-a pixel's score 1 - (d/tau)^2 is a Gaussian's logarithm in the difference of depths d. Draws stay in the hypothesis that
-the estimate is of, but for joints, which are redrawn over their whole range: a quarter turn of a closed cabinet is not
-among them. Joints that close a loop are left out. Nuisances that are not fixed are drawn with the rest, so that a depth
-scale which the scan does not tell is a spread along the line of sight.
+a pixel's score 1 - (d/tau)^2 is a Gaussian's logarithm in the difference of depths d. Draws stay in the mode that they
+are asked about, but for joints whose place the scan does not tell, which go over their whole range. Joints that close a
+loop are left out. Nuisances that are not fixed are drawn with the rest, so that a depth scale which the scan does not
+tell is a spread along the line of sight.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,67 +21,66 @@ from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature
 from pmpnbp.potentials.unary import object_scores
-from pmpnbp.readout.ensemble_sampling import Grid, replace_outlier_chains, sample
-from pmpnbp.readout.particle_statistics import covariance
+from pmpnbp.readout.importance_sampling import Grid, LogDensity, Proposal, adaptive_importance, effective_sample_size
 from pmpnbp.scene.prior import GaussianPrior
 
 # Of a pixel's score, as a log likelihood. The sensor's noise alone would have it near 3 (tau 12 mm, sigma 5 mm); pixels
 # share their errors with their neighbours (steps of depth, the mesh), so each counts for a fraction of that. Set on
 # held-out scenes, docs/algorithm.md.
 CONFIDENCE = 0.5
-# Markov chains, their steps before outliers are replaced, and then those of the burn-in and those that are kept.
-CHAINS, OUTLIER_STEPS, BURN_IN, KEPT_STEPS = 48, 50, 50, 150
-# Every so many of the steps kept is a draw.
-THINNING = 5
-# Cells over a joint's range, and the least share of a uniform density in redraws.
-CELLS, UNIFORM = 100, 0.1
-# Metres and radians: noise on every step, and how far a parameter that the scan does not hold is started from.
-JITTER, LOOSE = 1e-5, 0.02
+# Draws in each round: few at first, whose proposal is a guess; and how many have to count before no more are made.
+ROUNDS, ENOUGH = (64, *[128] * 12), 60.0
+# Cells over a joint's range, and the least share of a uniform density in draws from them.
+CELLS, UNIFORM = 32, 0.1
+# A joint is drawn over its range where so much of its weight lies so many standard deviations from the mode.
+ELSEWHERE, FAR = 0.02, 4.0
+# Metres and radians: how far a parameter that the scan does not hold is started from.
+LOOSE = 0.02
+# An axis of the first proposal is flat where it has this share of the variance of what is not held; where along it the
+# density is looked at, metres or radians.
+FLAT, SCANNED = 0.25, (0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 3.0)
 # The same of a parameter beside nuisances that the scan does not tell either: it goes as far as their prior takes it.
 UNTOLD = 1.0
 
 
-def draw(rng: np.random.Generator, problem: Problem, root: Array, joints: Array) -> tuple[Array, Array]:
-    """Root poses (K, 7) and joint vectors (K, D) of equal weight, given an estimate (7,), (D,) near the best one."""
+@dataclass(frozen=True, kw_only=True)
+class ModeDraws:
+    """Draws of one mode of the object.
+
+    roots : (K, 7); joints : (K, D); log_weights : (K,), their exponentials sum to 1
+    log_evidence : of the mode: logarithm of the posterior's integral over it, up to what is the same for all modes
+    effective_sample_size : how many draws of equal weight would tell as much
+    """
+
+    roots: Array
+    joints: Array
+    log_weights: Array
+    log_evidence: float
+    effective_sample_size: float
+
+
+def mode_draws(rng: np.random.Generator, problem: Problem, root: Array, joints: Array) -> ModeDraws:
+    """Draws about a mode's best configuration (7,), (D,)."""
     model = problem.mrf.model
-    tolerance = problem.tolerance_end
-    placing, free = 6 + model.dof, np.flatnonzero(problem.nuisance_std)
-
-    def placed(offsets: Array) -> tuple[Array, Array]:
-        roots = poses.perturb(root, offsets[:, :3], offsets[:, 3:6], problem.mrf.centres[0])
-        return roots, joints + offsets[:, 6:placing]
-
-    def log_density(offsets: Array) -> Array:
-        roots, q = placed(offsets)
-        outside = ~model.wraps & ((q < model.lower) | (q > model.upper))
-        found = np.full(len(offsets), -np.inf)
-        inside = ~outside.any(axis=1)
-        if inside.any():
-            turned = within_limits(q[inside], model.lower, model.upper, model.wraps)
-            nuisances = _nuisances(problem, free, offsets[inside, placing:])
-            found[inside] = _log_posterior(problem, roots[inside], turned, tolerance, nuisances)
-        return found
-
-    grids = tuple(
-        _grid(problem, root, joints, k, tolerance) for k in range(model.dof) if 0 < _span(problem, k) < np.inf
+    free = np.flatnonzero(problem.nuisance_std)
+    information = _information(problem, root, joints, problem.tolerance_end, free, LOOSE)
+    density = _density(problem, root, joints, free)
+    covariance = _scanned(density, np.asarray(np.linalg.inv(information), dtype=np.float64))
+    grids = _grids(problem, root, joints, np.diag(information)[6 : 6 + model.dof] ** -0.5)
+    unlimited = np.full((2, len(information)), np.inf) * np.array([[-1.0], [1.0]])
+    limits = unlimited.copy()
+    limits[:, 6 : 6 + model.dof] = model.lower - joints, model.upper - joints
+    limits = np.where(np.isin(np.arange(len(information)), 6 + np.flatnonzero(model.wraps)), unlimited, limits)
+    first = Proposal(np.zeros(len(information)), covariance, limits[0], limits[1], grids)
+    drawn = adaptive_importance(rng, density, first, ROUNDS, ENOUGH)
+    roots, q = _placed(problem, root, joints, drawn.rows)
+    return ModeDraws(
+        roots=roots,
+        joints=within_limits(q, model.lower, model.upper, model.wraps),
+        log_weights=drawn.log_weights,
+        log_evidence=drawn.log_integral,
+        effective_sample_size=effective_sample_size(drawn.log_weights),
     )
-    start = _start(rng, problem, root, joints, tolerance, grids)
-    jitter = np.concatenate([np.full(placing, JITTER), JITTER / problem.nuisance_levers[free]])
-    last = sample(rng, log_density, start, OUTLIER_STEPS, jitter=jitter, grids=grids)[0][-1]
-    start = replace_outlier_chains(rng, last, log_density(last))
-    history, _ = sample(rng, log_density, start, BURN_IN + KEPT_STEPS, jitter=jitter, grids=grids)
-    roots, q = placed(history[BURN_IN::THINNING].reshape(-1, placing + len(free)))
-    return roots, within_limits(q, model.lower, model.upper, model.wraps)
-
-
-def link_covariances(rng: np.random.Generator, problem: Problem, root: Array, joints: Array) -> Array:
-    """(L, 6, 6) of every link about the estimate (7,), (D,), by draws; in the order of `covariance`."""
-    model = problem.mrf.model
-    roots, q = draw(rng, problem, root, joints)
-    drawn = model.link_poses(model.part_poses(roots, q), q)
-    estimate = model.link_poses(model.part_poses(root, joints), joints)
-    even = np.ones(len(roots))
-    return np.array([covariance(estimate[link], drawn[:, link], even) for link in range(len(estimate))])
 
 
 def nuisance_stds(problem: Problem, root: Array, joints: Array) -> Array:
@@ -94,6 +93,30 @@ def nuisance_stds(problem: Problem, root: Array, joints: Array) -> Array:
     return stds
 
 
+def _placed(problem: Problem, root: Array, joints: Array, offsets: Array) -> tuple[Array, Array]:
+    """Root poses (C, 7) and joint vectors (C, D), which may be beyond their limits, at offsets (C, 6 + D + F)."""
+    roots = poses.perturb(root, offsets[:, :3], offsets[:, 3:6], problem.mrf.centres[0])
+    return roots, joints + offsets[:, 6 : 6 + len(joints)]
+
+
+def _density(problem: Problem, root: Array, joints: Array, free: NDArray[np.int64]) -> LogDensity:
+    """The log posterior of offsets (C, 6 + D + F) to a configuration (7,), (D,) and to the `free` nuisances (F,)."""
+    model = problem.mrf.model
+
+    def log_density(offsets: Array) -> Array:
+        roots, q = _placed(problem, root, joints, offsets)
+        outside = ~model.wraps & ((q < model.lower) | (q > model.upper))
+        found = np.full(len(offsets), -np.inf)
+        inside = ~outside.any(axis=1)
+        if inside.any():
+            turned = within_limits(q[inside], model.lower, model.upper, model.wraps)
+            nuisances = _nuisances(problem, free, offsets[inside, 6 + model.dof :])
+            found[inside] = log_posterior(problem, roots[inside], turned, nuisances)
+        return found
+
+    return log_density
+
+
 def _nuisances(problem: Problem, free: NDArray[np.int64], offsets: Array) -> Array | None:
     """(C, K): the problem's, the `free` ones (F,) moved by `offsets` (C, F); None where all are fixed."""
     if problem.nuisances is None:
@@ -104,13 +127,11 @@ def _nuisances(problem: Problem, free: NDArray[np.int64], offsets: Array) -> Arr
     return np.clip(moved, -0.9, 0.9)
 
 
-def _log_posterior(
-    problem: Problem, roots: Array, joints: Array, tolerance: float, nuisances: Array | None = None
-) -> Array:
+def log_posterior(problem: Problem, roots: Array, joints: Array, nuisances: Array | None = None) -> Array:
     """(C,) up to a constant, of root poses (C, 7) and joint vectors (C, D), under nuisances (C, K) or the problem's."""
     part_poses = problem.mrf.model.part_poses(roots, joints)
     # also where the inference scores by eq. 10, whose sum of distances is no logarithm of a likelihood
-    scoring = replace(problem.score(tolerance), form="robust")
+    scoring = replace(problem.score(problem.tolerance_end), form="robust")
     nuisances = problem.nuisances if nuisances is None else nuisances
     score = CONFIDENCE * object_scores(problem.observation, problem.surfaces, part_poses, scoring, nuisances)
     if nuisances is not None:
@@ -118,39 +139,52 @@ def _log_posterior(
     return problem.plus_prior(score, part_poses[:, problem.prior_node], always=True)
 
 
-def _span(problem: Problem, coordinate: int) -> float:
-    return float(problem.mrf.model.upper[coordinate] - problem.mrf.model.lower[coordinate])
+def _scanned(density: LogDensity, covariance: Array) -> Array:
+    """A covariance (P, P) as wide as the density along those of its own axes that the curvature does not hold: outlines
+    may, or nothing does."""
+    variances, axes = np.linalg.eigh(covariance)
+    flat = np.flatnonzero(variances > FLAT * LOOSE**2)
+    if not len(flat):
+        return covariance
+    steps = np.array([*(-np.array(SCANNED[::-1])), 0.0, *SCANNED])
+    log = density((steps[:, None] * axes.T[flat, None]).reshape(-1, len(axes))).reshape(len(flat), -1)
+    weights = np.exp(log - log.max(axis=1, keepdims=True))
+    mass = np.trapezoid(weights, steps, axis=1)
+    found = np.trapezoid(weights * steps**2, steps, axis=1)
+    told = (mass > 0) & (found > 0)
+    variances[flat[told]] = (found / np.where(mass > 0, mass, 1.0))[told]
+    return (axes * variances) @ axes.T
 
 
-def _grid(problem: Problem, root: Array, joints: Array, coordinate: int, tolerance: float) -> Grid:
-    """Where a joint could as well be, all others as they are: offsets to its position."""
+def _grids(problem: Problem, root: Array, joints: Array, stds: Array) -> tuple[Grid, ...]:
+    """Where joints could as well be, all others as they are: offsets to the positions of those whose weight lies
+    elsewhere than within a few of `stds` (D,) from where they are."""
     model = problem.mrf.model
-    lower, span = float(model.lower[coordinate]), _span(problem, coordinate)
-    tried = np.tile(joints, (CELLS, 1))
-    tried[:, coordinate] = lower + span * (np.arange(CELLS) + 0.5) / CELLS
-    log = _log_posterior(problem, np.tile(root, (CELLS, 1)), tried, tolerance)
-    # half as sure as the posterior, as the others are not quite where they are taken to be
-    weights = np.exp(0.5 * (log - log.max()))
-    weights = (1 - UNIFORM) * weights / weights.sum() + UNIFORM / CELLS
-    begin = lower - float(joints[coordinate])
-    return Grid(6 + coordinate, begin, begin + span, weights)
-
-
-def _start(
-    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, tolerance: float, grids: tuple[Grid, ...]
-) -> Array:
-    """(W, 6 + D + F) offsets of the chains' starts: a Gaussian about the estimate, from the curvature of the score and
-    roughly the prior; each joint that has a grid is drawn from it in half of the chains."""
-    model = problem.mrf.model
-    placing = 6 + model.dof
-    information = _information(problem, root, joints, tolerance, np.flatnonzero(problem.nuisance_std), LOOSE)
-    spread = np.linalg.cholesky(np.linalg.inv(information))
-    offsets = rng.standard_normal((CHAINS, len(spread))) @ spread.T
-    for grid in grids:
-        some = rng.random(CHAINS) < 0.5
-        offsets[some, grid.coordinate] = grid.draw(rng, int(some.sum()))
-    q = within_limits(joints + offsets[:, 6:placing], model.lower, model.upper, np.zeros_like(model.wraps))
-    return np.concatenate([offsets[:, :6], q - joints, offsets[:, placing:]], axis=1)
+    spans = model.upper - model.lower
+    moving = np.flatnonzero((spans > 0) & np.isfinite(spans))
+    if not len(moving):
+        return ()
+    offsets = (np.arange(CELLS) + 0.5) / CELLS * spans[moving, None] + (model.lower - joints)[moving, None]
+    tried = np.tile(joints, (len(moving), CELLS, 1))
+    tried[np.arange(len(moving)), :, moving] += offsets
+    rows = np.concatenate([joints[None], tried.reshape(-1, len(joints))])
+    log = log_posterior(problem, np.tile(root, (len(rows), 1)), rows)
+    here, log = log[0], log[1:].reshape(len(moving), CELLS)
+    found = []
+    for place, coordinate in enumerate(moving):
+        cell = spans[coordinate] / CELLS
+        top = max(here, log[place].max())
+        distant = np.abs(offsets[place]) > FAR * max(float(stds[coordinate]), cell)
+        beyond = cell * np.exp(log[place, distant] - top).sum()
+        near = np.sqrt(2 * np.pi) * min(float(stds[coordinate]), spans[coordinate]) * np.exp(here - top)
+        if beyond <= ELSEWHERE * (beyond + near):
+            continue
+        # half as sure as the posterior, as the others are not quite where they are taken to be
+        weights = np.exp(0.5 * (log[place] - log[place].max()))
+        weights = (1 - UNIFORM) * weights / weights.sum() + UNIFORM / CELLS
+        begin = float(model.lower[coordinate] - joints[coordinate])
+        found.append(Grid(6 + int(coordinate), begin, begin + float(spans[coordinate]), weights))
+    return tuple(found)
 
 
 def _information(

@@ -15,6 +15,8 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout import estimate as readout
 from pmpnbp.readout.estimate import Placement, place
+from pmpnbp.readout.posterior import Posterior, read_out
+from pmpnbp.readout.result import to_result
 from pmpnbp.readout.truth_errors import errors as truth_errors
 from pmpnbp.readout.truth_errors import part_adds
 
@@ -37,7 +39,8 @@ class Criteria:
 class Snapshot:
     """An iteration, read out; immutable.
 
-    problem : what it was made with; placed : where the estimate has everything
+    problem : what it was made with
+    placed : where the estimate has everything, with the posterior where it was read out
     row : the trace's entry; row_text : the same as JSON
     """
 
@@ -47,6 +50,24 @@ class Snapshot:
     criteria: Criteria
     row: Row
     row_text: bytes
+
+    @cached_property
+    def read_out(self) -> Snapshot:
+        """The same with its posterior, also where it is not at rest; without one still during the search."""
+        if self.placed.posterior is not None:
+            return self
+        posterior = read_out(self.problem, self.report)
+        if posterior is None:
+            return self
+        return snapshot(
+            self.problem,
+            self.report,
+            self.criteria,
+            converged=self.converged,
+            elapsed=self.row["elapsed"],
+            event=self.row["event"],
+            posterior=posterior,
+        )
 
     @cached_property
     def result(self) -> dict[str, Any]:
@@ -61,7 +82,7 @@ class Snapshot:
         )
         model, truth = self.problem.mrf.model, self.criteria.truth
         errors = None if truth is None else truth_errors(model, estimate, truth["links"], truth["joints"])
-        return readout.to_result(estimate, errors)
+        return to_result(estimate, errors)
 
     @cached_property
     def result_text(self) -> bytes:
@@ -97,16 +118,18 @@ def snapshot(
     converged: bool,
     elapsed: float,
     event: int | None = None,
+    posterior: Posterior | None = None,
 ) -> Snapshot:
     """Read an iteration out.
 
     elapsed : seconds of wall time the inference has taken so far
     event : the number by which the iteration is announced, where it is
+    posterior : what the scan leaves open, where it was read out
     """
     model = problem.mrf.model
-    placed = place(problem, report)
+    placed = place(problem, report, posterior)
     names = [part.name for part in model.parts]
-    truth = criteria.truth
+    truth, std_xyz = criteria.truth, placed.std_xyz
     row: Row = {
         "event": event,
         "iteration": report.iteration,
@@ -116,10 +139,14 @@ def snapshot(
         "tolerance": report.tolerance,
         "effective_sample_size": dict(zip(names, report.effective_sample_size.tolist(), strict=True)),
         "log_likelihood": report.map_score,
-        "std_xyz": dict(zip(model.links, placed.std_xyz.tolist(), strict=True)),
+        "std_xyz": None if std_xyz is None else dict(zip(model.links, std_xyz.tolist(), strict=True)),
+        "particle_std_xyz": dict(zip(model.links, placed.particle_std_xyz.tolist(), strict=True)),
         "add": None if truth is None else part_adds(model, placed.part_poses, truth["links"]),
         "converged": converged,
         "certain": bool(placed.certain(criteria.max_std).all()),
+        "fit": None if posterior is None else posterior.fit.verdict,
+        "fit_reason": None if posterior is None else posterior.fit.reason,
+        "posterior_iteration": None if posterior is None else posterior.iteration,
         "notes": list(report.notes),
     }
     return Snapshot(problem=problem, report=report, placed=placed, criteria=criteria, row=row, row_text=json_bytes(row))

@@ -21,6 +21,7 @@ from pmpnbp.inference import run
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.run import Step
+from pmpnbp.readout.posterior import Posterior, read_out
 from pmpnbp.readout.snapshot import Criteria, Row, Snapshot, snapshot
 from pmpnbp.recording.changes import Change
 from pmpnbp.recording.inputs import Inputs
@@ -36,6 +37,8 @@ from pmpnbp.scene.articulated_object import ArticulatedObject
 ForeignRow = Callable[[str, ArticulatedObject], Row | None]
 # Problems kept, of the stretches between two changes: the newest, and those that two views look at.
 PROBLEMS = 3
+# Posteriors kept: the last, and a few that were asked for.
+POSTERIORS = 4
 
 
 class IterationArchive:
@@ -63,8 +66,12 @@ class IterationArchive:
         self._newest: Snapshot | None = None
         self._row: Row | None = None
         self._changes_after: list[int] = []
+        # of a recording from elsewhere, the newest iteration that is whole
+        self._last: int | None = None
         # by the number of changes before
         self._problems: LRUCache[int, Problem] = LRUCache(PROBLEMS)
+        # by the iteration that they were read out from
+        self._posteriors: LRUCache[int, Posterior | None] = LRUCache(POSTERIORS)
         # why the recording cannot be read, or None
         self.damage: str | None = None
 
@@ -88,6 +95,7 @@ class IterationArchive:
             last = last_shown(recording)
             if last is None:
                 raise RecordingError(f"recording '{self.path.name}' is damaged: none of its iterations is whole")
+            self._last = last
             self._changes_after = recording.changed_after()
             model = self.problem(last).mrf.model
             self._rows = ForeignRows(recording, last, lambda text: foreign_row(text, model), self._made_row)
@@ -111,6 +119,7 @@ class IterationArchive:
             self._newest, self._row, self._criteria = snapshot, snapshot.row, snapshot.criteria
             self._changes_after, self.damage = [], None
             self._problems.clear()
+            self._posteriors.clear()
             self._problems[0] = snapshot.problem
 
     def add(self, step: Step, snapshot: Snapshot, written: Callable[[], None]) -> None:
@@ -155,7 +164,7 @@ class IterationArchive:
     @property
     def row(self) -> Row:
         """The newest iteration's row; `iteration` is None where there is none."""
-        return self._row or {"iteration": None, "converged": False, "certain": False}
+        return self._row or {"iteration": None, "converged": False, "certain": False, "fit": None, "fit_reason": None}
 
     @property
     def iteration(self) -> int:
@@ -282,12 +291,34 @@ class IterationArchive:
     def _read(self, iteration: int) -> Snapshot:
         with self._readers.recording() as recording:
             report, row = self._report(recording, iteration), self._rows.row(recording, iteration)
-        return self._read_out(report, converged=row["converged"], elapsed=row["elapsed"], event=row["event"])
+            posterior = self._posterior(recording, report, row.get("posterior_iteration"))
+        return self._read_out(report, posterior, converged=row["converged"], elapsed=row["elapsed"], event=row["event"])
 
-    def _read_out(self, report: IterationReport, *, converged: bool, elapsed: float, event: int) -> Snapshot:
+    def _read_out(
+        self, report: IterationReport, posterior: Posterior | None, *, converged: bool, elapsed: float, event: int
+    ) -> Snapshot:
         problem = self.problem(report.iteration)
         assert self._criteria is not None  # `begin` or `open` came first
-        return snapshot(problem, report, self._criteria, converged=converged, elapsed=elapsed, event=event)
+        return snapshot(
+            problem, report, self._criteria, converged=converged, elapsed=elapsed, event=event, posterior=posterior
+        )
+
+    def _posterior(self, recording: Recording, report: IterationReport, iteration: int | None) -> Posterior | None:
+        """The posterior that an iteration's report was told with: read out from the same or an earlier one, of which
+        it is made again."""
+        if iteration is None:
+            return None
+        with self._lock:
+            newest = None if self._newest is None else self._newest.placed.posterior
+            if newest is not None and newest.iteration == iteration:
+                return newest
+            if iteration in self._posteriors:
+                return self._posteriors[iteration]
+        source = report if iteration == report.iteration else self._report(recording, iteration)
+        found = read_out(self.problem(iteration), source)
+        with self._lock:
+            self._posteriors[iteration] = found
+        return found
 
     def _report(self, recording: Recording, iteration: int) -> IterationReport:
         report = recording.report(iteration)
@@ -311,4 +342,9 @@ class IterationArchive:
         problem = self.problem(iteration)
         recent = self._recent(recording, iteration, since, problem)
         elapsed, converged = recording.seconds(iteration), run.converged(recent, problem)
-        return self._read_out(recent[-1], converged=converged, elapsed=elapsed, event=event_of(iteration)).row
+        # of the many that may be at rest the newest alone: each takes longer than an iteration
+        told = converged and iteration == self._last
+        posterior = self._posterior(recording, recent[-1], iteration if told else None)
+        return self._read_out(
+            recent[-1], posterior, converged=converged, elapsed=elapsed, event=event_of(iteration)
+        ).row

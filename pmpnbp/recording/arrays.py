@@ -27,9 +27,10 @@ _OF_REPORT = {
     "mle": "map_poses",
     "mle_joints": "map_joints",
     "nuisances": "nuisances",
+    "rivals": "rivals",
 }
-# Those that a report may be without: the paper's estimate has no joints.
-_OPTIONAL = {"mle_joints", "nuisances"}
+# Those that a report may be without: the paper's estimate has no joints; the state's rivals are the report's.
+_OPTIONAL = {"mle_joints", "nuisances", "rivals"}
 
 
 def to_arrays(report: IterationReport, state: State) -> Arrays:
@@ -101,6 +102,7 @@ def to_state(number: int, arrays: Arrays) -> State:
         root=found.get("state.root"),
         joints=found.get("state.joints"),
         nuisances=found.get("state.nuisances"),
+        rivals=found.get("rivals"),
     )
 
 

@@ -43,6 +43,7 @@ def _fits(problem: Problem, report: IterationReport) -> bool:
         _poses(report.map_poses, (nodes, 7)),
         report.map_joints is None or _finite(report.map_joints, (dof,)),
         report.nuisances is None or _small(report.nuisances, problem.nuisance_std.shape),
+        report.rivals is None or _rivals(report.rivals, dof),
     ]
     if not all(sound):
         return False
@@ -91,6 +92,11 @@ def _finite(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
 def _small(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
     """Whether these are nuisances under which something can be drawn: scales stay above zero."""
     return _finite(array, shape) and bool(np.all(np.abs(array) < 1))
+
+
+def _rivals(array: NDArray[Any], dof: int) -> bool:
+    shape = (len(array), 7 + dof) if array.ndim == 2 else ()
+    return _finite(array, shape) and _poses(array[:, :7], (len(array), 7))
 
 
 def _poses(array: NDArray[Any], shape: tuple[int, ...]) -> bool:

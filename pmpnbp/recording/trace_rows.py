@@ -15,6 +15,17 @@ from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.snapshot import Row
 from pmpnbp.recording.reader import Recording
 
+# A member that rows have since they tell of posteriors.
+_SINCE_POSTERIORS = "particle_std_xyz"
+
+
+def current(row: Row) -> Row:
+    """A row as it is written now. Before there were posteriors `std_xyz` was the particles'."""
+    if _SINCE_POSTERIORS in row:
+        return row
+    nothing = {"std_xyz": None, "certain": False, "fit": None, "fit_reason": None, "posterior_iteration": None}
+    return {**row, _SINCE_POSTERIORS: row["std_xyz"], **nothing}
+
 
 class OwnRows:
     """The rows that this program wrote into its own recording, as they stand there."""
@@ -26,11 +37,14 @@ class OwnRows:
             newest = recording.newest()
             there = "none" if newest is None else f"iterations 0 to {newest}"
             raise RecordingError(f"iteration {iteration} is not in recording '{recording.name}'; it has {there}")
-        return json.loads(text)
+        return current(json.loads(text))
 
     def texts(self, recording: Recording, after: int, last: int) -> list[str]:
         """The rows, JSON, of the iterations beyond `after` and up to `last`, ascending."""
-        return recording.summaries(after, last)
+        return [
+            text if f'"{_SINCE_POSTERIORS}"' in text else json_bytes(current(json.loads(text))).decode()
+            for text in recording.summaries(after, last)
+        ]
 
 
 class ForeignRows:

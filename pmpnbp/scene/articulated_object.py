@@ -281,3 +281,16 @@ class ArticulatedObject:
             chain.add(link)
             link = parent.get(link)
         return chain
+
+
+def parts_of_links(model: ArticulatedObject) -> dict[str, int]:
+    """For every link the part it is in, or else that which `ArticulatedObject.link_poses` reaches it from."""
+    owner = {link: index for index, part in enumerate(model.parts) for link in part.links}
+    parent = {joint.child: joint.parent for joint in model.joints}
+    link = model.parts[0].links[0]
+    while link in parent:
+        link = parent[link]
+        owner.setdefault(link, 0)
+    for joint in model.joints:
+        owner.setdefault(joint.child, owner[joint.parent])
+    return owner

@@ -14,7 +14,8 @@ import httpx
 import pytest
 
 from app.routes.events import _news, get_events
-from app.schemas import Progress, TraceRow
+from app.schemas import Progress
+from app.schemas_results import TraceRow
 from app.sessions.events import BLOCK, KEPT, Event, Events
 from app.sessions.sessions import Sessions
 from pmpnbp.inference import run as engine

@@ -7,8 +7,9 @@ import json
 import httpx
 import pytest
 
-from app.schemas import Session, Trace
+from app.schemas import Session
 from app.schemas_particles import ParticleReasons
+from app.schemas_results import Trace
 from tests.app import small_sessions as small
 
 PRIOR = json.loads((small.CABINET / "open" / "prior.json").read_text())

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from app import cli
-from app.schemas import Session, Trace
+from app.schemas import Session
+from app.schemas_results import Trace
 from pmpnbp.errors import RecordingError
 from pmpnbp.recording import Recording
 from tests.app import small_sessions as small

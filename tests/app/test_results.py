@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from app import cli
-from app.schemas import BeliefParticles, Decision, Estimate, MessageParticles, Trace
+from app.schemas_results import BeliefParticles, Decision, Estimate, MessageParticles, Trace
 from pmpnbp.geometry import poses
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout import particle_statistics

@@ -1,0 +1,125 @@
+"""Is what should be seen there seen? A posterior says where the object is, given that it is there; this says whether.
+
+Where the object is rendered at the estimate, a pixel confirms it by the depth that it should have; what is behind
+denies it, and what is in front hides it. A surface that should end where the object does and goes on beyond it confirms
+nothing. What a wrong model finds in another object is told by what that object has besides: surfaces that touch the
+explained ones, and are explained by nothing, while some of the model would be hidden in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.problem import Problem
+from pmpnbp.potentials.pixel_kinds import PixelKind, pixel_kinds
+from pmpnbp.potentials.unary import object_scores, renders
+from pmpnbp.scene.observation import OBJECT, View
+
+Verdict = Literal["good", "doubtful", "none"]
+# Shares of what should be seen: confirmed below which there is nothing, and from which on the fit may be good. On hard
+# scenes right estimates have 0.69 and more, absent objects 0.24 and less (docs/algorithm.md).
+NOTHING, GOOD = 0.35, 0.62
+# Share of the object that something in front hides, above which the rest says too little; and from which on surfaces
+# that touch it and go on make it doubtful, if they have this share of its confirmed pixels. So many make it anyway.
+HIDDEN, PARTLY_HIDDEN, TOUCHING, MUCH_TOUCHING = 0.6, 0.08, 0.04, 0.5
+# A part is missed where less than this share of its pixels confirms it, of so many that can be seen, and of this share
+# of its own.
+MISSED, FEWEST_PIXELS, IN_SIGHT = 0.25, 20, 0.3
+# Neighbouring pixels are of one surface where their depths differ by a smaller share.
+STEP = 0.015
+# Pixels about the outline that touch the object because of the image's grain.
+GRAIN = 2
+# A surface is the object's where it has this share of the confirmed pixels, and so many.
+OWN_SHARE, OWN_PIXELS = 0.02, 3
+# What covers the object without hiding it: it can be seen there, or through it.
+_IN_SIGHT = (PixelKind.EXPLAINED, PixelKind.ON_SUPPORT, PixelKind.SEEN_THROUGH, PixelKind.GOES_ON)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """verdict : whether what should be seen is seen; reason : one sentence; explained : the share of it that the scan
+    confirms, 0 to 1, weighed as the score is; missed : names of parts that are not where they should be seen."""
+
+    verdict: Verdict
+    reason: str
+    explained: float
+    missed: tuple[str, ...] = ()
+
+
+def assess(problem: Problem, root: Array, joints: Array) -> Fit:
+    """The fit of a configuration (7,), (D,)."""
+    part_poses = problem.mrf.part_poses(root, joints)
+    tolerance = problem.tolerance_end
+    covered = hidden = confirmed = touching = 0
+    expected = 0.0
+    own = np.zeros((3, problem.mrf.nodes))  # pixels of each part: covered, in sight, confirmed
+    for view, _, depth, number in renders(problem.observation, problem.surfaces, part_poses, problem.nuisances):
+        kinds = pixel_kinds(view.depth, view.category, depth, tolerance)
+        in_sight = np.isin(kinds, _IN_SIGHT)
+        near = in_sight & (np.abs(view.depth - depth) < tolerance)
+        covered += int(np.count_nonzero(depth))
+        hidden += int(np.count_nonzero(kinds == PixelKind.IN_FRONT))
+        confirmed += int(np.count_nonzero(near))
+        expected += float(((depth / problem.unit_distance) ** 2)[in_sight].sum())
+        touching += _touching(view, depth > 0, near)
+        for row, chosen in enumerate((depth > 0, in_sight, near)):
+            own[row] += np.bincount(number[chosen], minlength=problem.mrf.nodes)
+    scoring = replace(problem.score(tolerance), form="robust")
+    score = object_scores(problem.observation, problem.surfaces, part_poses[None], scoring, problem.nuisances)[0]
+    explained = float(np.clip(score / expected, 0.0, 1.0)) if expected > 0 else 0.0
+    names = [part.name for part in problem.mrf.model.parts]
+    seen = (own[1] >= FEWEST_PIXELS) & (own[1] >= IN_SIGHT * own[0])
+    missed = tuple(names[node] for node in np.flatnonzero(seen & (own[2] < MISSED * own[1])))
+    verdict, reason = _judged(explained, hidden / max(covered, 1), touching, confirmed, missed)
+    return Fit(verdict=verdict, reason=reason, explained=explained, missed=missed)
+
+
+def _judged(
+    explained: float, hidden: float, touching: int, confirmed: int, missed: Sequence[str]
+) -> tuple[Verdict, str]:
+    share = f"the scan confirms {100 * explained:.0f} % of what should be seen"
+    if explained < NOTHING:
+        return "none", share
+    if explained < GOOD:
+        return "doubtful", share
+    if hidden > HIDDEN:
+        return "doubtful", f"something in front hides {100 * hidden:.0f} % of the object"
+    stray = touching / max(confirmed, 1)
+    if stray > MUCH_TOUCHING or (stray > TOUCHING and hidden > PARTLY_HIDDEN):
+        return "doubtful", f"{share}, but {touching:,} pixels of the surfaces it lies on are explained by nothing"
+    if missed:
+        return "doubtful", f"{share}, but not {', '.join(missed[:3])}{' and others' if len(missed) > 3 else ''}"
+    return "good", share
+
+
+def _touching(view: View, covered: NDArray[np.bool_], confirmed: NDArray[np.bool_]) -> int:
+    """Pixels beyond the object, that may be of it, on surfaces of which it explains a part."""
+    within = view.category == OBJECT
+    labels = _surfaces(view.depth, within)
+    counts = np.bincount(labels[confirmed & within], minlength=int(labels.max()) + 1)
+    of_object = counts >= max(OWN_SHARE * counts.sum(), OWN_PIXELS)
+    beyond = within & ~ndimage.binary_dilation(covered, iterations=GRAIN)
+    return int(np.count_nonzero(beyond & of_object[labels]))
+
+
+def _surfaces(depth: NDArray[np.float32], within: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """(h, w) numbers of the surfaces that pixels are on: neighbours of about one depth, both `within`, are on one."""
+    index = np.arange(depth.size).reshape(depth.shape)
+    edges = []
+    for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        a, b = depth[one], depth[other]
+        joined = within[one] & within[other] & (np.abs(a - b) < STEP * np.maximum(a, b))
+        edges.append(np.stack([index[one][joined], index[other][joined]]))
+    first, second = np.concatenate(edges, axis=1)
+    graph = coo_array((np.ones(len(first), dtype=np.bool_), (first, second)), shape=(depth.size, depth.size))
+    labels: NDArray[np.int32] = connected_components(graph, directed=False)[1].reshape(depth.shape)
+    return labels

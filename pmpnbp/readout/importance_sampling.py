@@ -1,0 +1,189 @@
+"""Weighted draws from a density that is known up to a constant, and its integral: adaptive importance sampling.
+
+Each round draws from Student's t about the mean of the rounds before, as wide as those were, and every draw is weighed
+against the mixture of all rounds' proposals (Cornuet et al. 2012, Scandinavian Journal of Statistics 39). The tails of
+Student's t keep weights bounded where the density is wider than was thought. A coordinate whose density has several
+modes, or is spread over its range, is drawn from a grid instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.special import gammaln, logsumexp
+
+from pmpnbp.geometry.poses import Array
+
+FREEDOM = 5.0
+# Weights are tempered until this share of all draws counts, before mean and covariance are taken from them.
+EFFECTIVE_SHARE = 0.1
+# A coordinate within so many standard deviations of a limit is folded there; as many coordinates at most, as each
+# doubles the images that a draw may come from.
+NEAR_LIMIT, MOST_FOLDED = 4.0, 5
+
+# log density (C,), up to a constant, of rows (C, P); -inf where there is none
+LogDensity = Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A density of coordinate `coordinate` that is constant in each of G cells between `lower` and `upper`.
+
+    weights : (G,), above zero, their sum 1
+    """
+
+    coordinate: int
+    lower: float
+    upper: float
+    weights: Array
+
+    def draw(self, rng: np.random.Generator, count: int) -> Array:
+        """(count,) positions."""
+        cell = rng.choice(len(self.weights), count, p=self.weights)
+        return self.lower + (self.upper - self.lower) * (cell + rng.random(count)) / len(self.weights)
+
+    def log_density(self, positions: Array) -> Array:
+        """(C,) at positions (C,); -inf beyond the ends."""
+        share = (positions - self.lower) / (self.upper - self.lower)
+        cell = np.clip((share * len(self.weights)).astype(int), 0, len(self.weights) - 1)
+        inside = np.log(self.weights[cell] * len(self.weights) / (self.upper - self.lower))
+        return np.where((share >= 0) & (share <= 1), inside, -np.inf)
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Student's t in P coordinates, folded back at limits near its mean; those that have a grid are drawn from it.
+
+    mean : (P,); covariance : (P, P), the scale matrix; lower, upper : (P,) limits, may be infinite
+    """
+
+    mean: Array
+    covariance: Array
+    lower: Array
+    upper: Array
+    grids: tuple[Grid, ...] = ()
+
+    def draw(self, rng: np.random.Generator, count: int) -> Array:
+        """(count, P); beyond a limit that is not near there may be some."""
+        own = self._own
+        spread = np.linalg.cholesky(self.covariance[np.ix_(own, own)])
+        scale = np.sqrt(FREEDOM / rng.chisquare(FREEDOM, (count, 1)))
+        found = np.tile(self.mean, (count, 1))
+        found[:, own] += scale * rng.standard_normal((count, len(own))) @ spread.T
+        for coordinate, limit in self._folds:
+            inward = np.sign(self.lower[coordinate] + self.upper[coordinate] - 2 * limit)
+            found[:, coordinate] = limit + inward * np.abs(found[:, coordinate] - limit)
+        for grid in self.grids:
+            found[:, grid.coordinate] = grid.draw(rng, count)
+        return found
+
+    def log_density(self, rows: Array) -> Array:
+        """(C,) of rows (C, P) within the limits."""
+        own, folds = self._own, self._folds
+        spread = np.linalg.cholesky(self.covariance[np.ix_(own, own)])
+        images = []
+        for mirrored in product((False, True), repeat=len(folds)):
+            image = rows.copy()
+            for (coordinate, limit), away in zip(folds, mirrored, strict=True):
+                if away:
+                    image[:, coordinate] = 2 * limit - image[:, coordinate]
+            deviates = np.linalg.solve(spread, (image - self.mean)[:, own].T)
+            images.append(np.einsum("pc,pc->c", deviates, deviates))
+        count = len(own)
+        log = -0.5 * (FREEDOM + count) * np.log1p(np.array(images) / FREEDOM)
+        norm = gammaln((FREEDOM + count) / 2) - gammaln(FREEDOM / 2) - 0.5 * count * np.log(FREEDOM * np.pi)
+        found = np.asarray(logsumexp(log, axis=0)) + norm - np.log(np.diag(spread)).sum()
+        for grid in self.grids:
+            found = found + grid.log_density(rows[:, grid.coordinate])
+        return found
+
+    @property
+    def _own(self) -> Array:
+        gridded = [grid.coordinate for grid in self.grids]
+        return np.setdiff1d(np.arange(len(self.mean)), gridded)
+
+    @property
+    def _folds(self) -> list[tuple[int, float]]:
+        """Coordinates that are folded, and the limit at which each is."""
+        stds = np.sqrt(np.diag(self.covariance))
+        below, above = (self.mean - self.lower) / stds, (self.upper - self.mean) / stds
+        nearest = np.minimum(below, above)
+        chosen = [k for k in np.argsort(nearest, kind="stable") if k in self._own and nearest[k] < NEAR_LIMIT]
+        return [(int(k), float((self.lower if below[k] <= above[k] else self.upper)[k])) for k in chosen[:MOST_FOLDED]]
+
+
+@dataclass(frozen=True)
+class WeightedDraws:
+    """rows : (C, P); log_weights : (C,), their exponentials sum to 1; log_integral : of the density over all
+    coordinates; proposal : the next round's."""
+
+    rows: Array
+    log_weights: Array
+    log_integral: float
+    proposal: Proposal
+
+
+def adaptive_importance(
+    rng: np.random.Generator, log_density: LogDensity, proposal: Proposal, counts: Sequence[int], enough: float
+) -> WeightedDraws:
+    """Draws, as many in each round as `counts` says, the first from `proposal`, until `enough` count; the density need
+    not be above zero at all of them. Where it is nowhere, the weights are even and the integral is 0."""
+    proposals: list[Proposal] = []
+    rows, value = np.zeros((0, len(proposal.mean))), np.zeros(0)
+    for round_number, count in enumerate(counts):
+        proposals.append(proposal)
+        new = proposal.draw(rng, count)
+        rows, value = np.concatenate([rows, new]), np.concatenate([value, log_density(new)])
+        mixed = [np.log(many) + one.log_density(rows) for many, one in zip(counts, proposals, strict=False)]
+        log_weights = value - np.asarray(logsumexp(mixed, axis=0)) + np.log(len(rows))
+        if round_number and effective_sample_size(log_weights) >= enough:
+            break
+        proposal = _refitted(proposal, rows, log_weights)
+    total = float(logsumexp(log_weights))
+    if not np.isfinite(total):
+        return WeightedDraws(rows, np.full(len(rows), -np.log(len(rows))), -np.inf, proposal)
+    return WeightedDraws(rows, log_weights - total, total - np.log(len(rows)), proposal)
+
+
+def effective_sample_size(log_weights: Array) -> float:
+    """How many draws of equal weight would tell as much as draws of `log_weights` (C,); 0 where none has any."""
+    most = float(log_weights.max())
+    if not np.isfinite(most):
+        return 0.0
+    weights = np.exp(log_weights - most)
+    return float(weights.sum() ** 2 / (weights**2).sum())
+
+
+def _refitted(proposal: Proposal, rows: Array, log_weights: Array) -> Proposal:
+    """The proposal about the mean of tempered weights, as wide as they are; of few draws that count, rather as wide as
+    it was."""
+    if not np.isfinite(log_weights).any():
+        return proposal
+    weights = tempered(log_weights, EFFECTIVE_SHARE * len(rows))
+    effective, dimensions = 1 / np.sum(weights**2), len(proposal.mean)
+    mean = weights @ rows
+    spread = np.einsum("c,cp,cq->pq", weights, rows - mean, rows - mean)
+    covariance = (effective * spread + dimensions * proposal.covariance) / (effective + dimensions)
+    return Proposal(mean, covariance, proposal.lower, proposal.upper, proposal.grids)
+
+
+def tempered(log_weights: Array, effective: float) -> Array:
+    """(C,) weights that sum to 1: `log_weights` (C,) times the largest power, 1 at most, that leaves an effective
+    sample size of `effective`."""
+    log = log_weights - log_weights.max()
+    low, high = 0.0, 1.0
+    weights = np.exp(log - logsumexp(log))
+    for _ in range(30):
+        if 1 / np.sum(weights**2) >= effective and high == 1.0:
+            break
+        power = (low + high) / 2
+        with np.errstate(invalid="ignore"):
+            scaled = np.where(np.isfinite(log), power * log, -np.inf)
+        weights = np.exp(scaled - logsumexp(scaled))
+        low, high = (power, high) if 1 / np.sum(weights**2) >= effective else (low, power)
+        if high - low < 1e-4:
+            break
+    return weights

@@ -1,0 +1,256 @@
+"""What does the scan leave open? A mixture of modes of the whole object, by weighted draws; the belief that is told.
+
+The estimate is one mode. Others are the places that the search compared last, brought to their best, where their score
+comes near the estimate's: a cabinet turned by half, a look-alike beside it, a wrist the other way round. A mode weighs
+as much as the posterior's integral over it (its evidence), not as its best score: a broad mode holds more than a narrow
+one of the same height.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.belief import IterationReport
+from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.tree_estimate import agreeing, polish
+from pmpnbp.readout.fit import Fit, assess
+from pmpnbp.readout.object_posterior import ModeDraws, log_posterior, mode_draws
+from pmpnbp.readout.particle_statistics import covariance
+from pmpnbp.readout.surface_distance import distances, part_surfaces
+from pmpnbp.scene.articulated_object import ArticulatedObject, parts_of_links
+
+# Modes are told at most, and what weighs less than this is none.
+MODES, LEAST_WEIGHT = 6, 1e-4
+# A rival is polished where its score is worse than the estimate's by a smaller share, and drawn from where it is then
+# worse by fewer nats: a broad mode may make up for some.
+CLOSE, NATS = 0.3, 15.0
+POLISH_ROUNDS = 6
+# Two places are one mode where every part's middle and rim are nearer than this, metres, or than so many of its
+# standard deviations.
+SAME, DEVIATIONS = 0.01, 4.0
+# Effective draws below which the posterior says too little to be certain by.
+FEWEST_DRAWS = 20.0
+# Draws that an expected distance is averaged over.
+DRAWS = 200
+# A link is elsewhere in a mode of more than this weight: nobody is certain of it.
+DOUBT = 0.01
+# The central share of a joint's interval.
+CENTRAL = 0.9
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectMode:
+    """One hypothesis of the whole object. weight : its share of the posterior; root : (7,) and joints : (D,), its best
+    configuration."""
+
+    weight: float
+    root: Array
+    joints: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Posterior:
+    """Draws of the whole object, of all modes together.
+
+    iteration : the one whose estimate, root (7,) and joints (D,), it was read out from
+    drawn_roots : (K, 7); drawn_joints : (K, D); log_weights : (K,), their exponentials sum to 1; mode : (K,) of which
+    of `modes` each is
+    modes : heaviest first, their weights sum to 1
+    effective_sample_size : of the draws of the estimate's own mode
+    fit : whether what should be seen is seen
+    """
+
+    iteration: int
+    root: Array
+    joints: Array
+    drawn_roots: Array
+    drawn_joints: Array
+    log_weights: Array
+    mode: NDArray[np.int64]
+    modes: tuple[ObjectMode, ...]
+    effective_sample_size: float
+    fit: Fit
+
+    def even_draws(self, count: int) -> NDArray[np.int64]:
+        """(count,) numbers of draws, each as often as it weighs: systematic resampling without a random offset."""
+        below = np.cumsum(np.exp(self.log_weights))
+        return np.searchsorted(below / below[-1], (np.arange(count) + 0.5) / count)
+
+    @property
+    def told(self) -> bool:
+        """Whether it can be built on: what should be seen is seen, and enough draws count."""
+        return self.fit.verdict == "good" and self.effective_sample_size >= FEWEST_DRAWS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """A posterior, link by link and joint by joint, about an estimate.
+
+    covariances : (L, 6, 6), see `particle_statistics.covariance`; expected_add : (L,) metres (eq. 12) of the part that
+    a link moves with, NaN where that has no surface; joint_stds : (D,) about the estimate; joint_intervals : (2, D)
+    the central 90 %; moved : (M, L) metres (eq. 12, or of the origin where there is no surface) from the estimate to
+    each mode's best configuration
+    """
+
+    covariances: Array
+    expected_add: Array
+    joint_stds: Array
+    joint_intervals: Array
+    moved: Array
+
+    def certain(self, posterior: Posterior, max_std: float) -> NDArray[np.bool_]:
+        """(L,): whether the fit is good, no mode of more than 1 % has the link elsewhere, and no element of its
+        `std_xyz`, nor its `expected_add`, is above `max_std`, metres."""
+        std = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2)[:, :3]).max(axis=1)
+        rivals = np.array([mode.weight > DOUBT for mode in posterior.modes])
+        elsewhere = np.any(rivals[:, None] & (self.moved > max_std), axis=0)
+        narrow = (std <= max_std) & ~(self.expected_add > max_std)
+        found: NDArray[np.bool_] = posterior.told & narrow & ~elsewhere
+        return found
+
+
+def read_out(problem: Problem, report: IterationReport) -> Posterior | None:
+    """The posterior about the estimate of an iteration; None during the search, which has none to tell. The same
+    problem and report give the same numbers."""
+    if report.stage in ("start", "search"):
+        return None
+    problem = problem.taking(report.nuisances)
+    root, joints = agreeing(problem, report)
+    rng = np.random.default_rng([problem.seed, report.iteration, 1])
+    drawn = [mode_draws(rng, problem, root, joints)]
+    places = [(root, joints)]
+    for rival in _contenders(rng, problem, report, root, joints):
+        if len(drawn) < MODES and not any(
+            _same(problem, rival, place, draws) for place, draws in zip(places, drawn, strict=True)
+        ):
+            places.append(rival)
+            drawn.append(mode_draws(rng, problem, *rival))
+    return _mixture(report.iteration, places, drawn, assess(problem, root, joints))
+
+
+def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -> Spread:
+    """About an estimate (7,), (D,)."""
+    model = problem.mrf.model
+    weights = np.exp(posterior.log_weights)
+    here = model.link_poses(model.part_poses(root, joints), joints)
+    drawn = model.link_poses(model.part_poses(posterior.drawn_roots, posterior.drawn_joints), posterior.drawn_joints)
+    covariances = np.array([covariance(here[link], drawn[:, link], weights) for link in range(len(here))])
+    gap = posterior.drawn_joints - joints
+    gap = np.where(model.wraps, gap - 2 * np.pi * np.round(gap / (2 * np.pi)), gap)
+    intervals = np.quantile(gap, [(1 - CENTRAL) / 2, (1 + CENTRAL) / 2], axis=0, weights=weights, method="inverted_cdf")
+    surfaces, parts = part_surfaces(model), parts_of_links(model)
+    node = np.array([parts[link] for link in model.links])
+    chosen = posterior.even_draws(DRAWS)
+    placed = model.part_poses(posterior.drawn_roots[chosen], posterior.drawn_joints[chosen])
+    at = model.part_poses(root, joints)
+    expected = distances(surfaces, at, placed).mean(axis=0)[node]
+    mode_roots = np.array([mode.root for mode in posterior.modes])
+    mode_joints = np.array([mode.joints for mode in posterior.modes])
+    modes = model.part_poses(mode_roots, mode_joints)
+    origins = np.linalg.norm(model.link_poses(modes, mode_joints)[..., :3] - here[:, :3], axis=-1)
+    return Spread(
+        covariances=covariances,
+        expected_add=expected,
+        joint_stds=np.sqrt(weights @ gap**2 / weights.sum()),
+        joint_intervals=joints + intervals,
+        moved=np.fmax(distances(surfaces, at, modes)[:, node], origins),
+    )
+
+
+def link_modes(model: ArticulatedObject, posterior: Posterior) -> list[list[tuple[float, Array, Array]]]:
+    """Of each link its modes, heaviest first: weight, pose (7,) in the mode's best configuration, and the covariance
+    (6, 6) of the mode's draws about it, see `particle_statistics.covariance`."""
+    drawn = model.link_poses(model.part_poses(posterior.drawn_roots, posterior.drawn_joints), posterior.drawn_joints)
+    found: list[list[tuple[float, Array, Array]]] = [[] for _ in model.links]
+    for number, mode in enumerate(posterior.modes):
+        at = model.link_poses(model.part_poses(mode.root, mode.joints), mode.joints)
+        own = posterior.mode == number
+        weights = np.exp(posterior.log_weights[own] - posterior.log_weights[own].max())
+        for link, entries in enumerate(found):
+            entries.append((mode.weight, at[link], covariance(at[link], drawn[own, link], weights)))
+    return found
+
+
+def at_rest(problem: Problem, report: IterationReport, before: Posterior | None) -> Posterior | None:
+    """The posterior of an iteration at rest: that of `before`, read out with the same problem, as long as the estimate
+    has not moved since by what is rest."""
+    if before is not None:
+        root, joints = agreeing(problem, report)
+        moved = motions(problem, before.root, before.joints, root[None], joints[None])[0]
+        if moved <= problem.settings.converged_motion:
+            return before
+    return read_out(problem, report)
+
+
+def _contenders(
+    rng: np.random.Generator, problem: Problem, report: IterationReport, root: Array, joints: Array
+) -> list[tuple[Array, Array]]:
+    """Root pose (7,) and joint vector (D,) of the rivals that come near an estimate (7,), (D,) at their best."""
+    if report.rivals is None or not len(report.rivals):
+        return []
+    here = float(log_posterior(problem, root[None], joints[None])[0])
+    roots, q = report.rivals[:, :7], report.rivals[:, 7:]
+    score = log_posterior(problem, roots, q)
+    far = motions(problem, root, joints, roots, q) > SAME
+    close = np.flatnonzero(far & (score > here - CLOSE * abs(here)))
+    if not len(close):
+        return []
+    plan, tolerance = problem.schedule(report.iteration), problem.tolerance_end
+    roots, q, _ = polish(rng, problem, roots[close], q[close], plan, tolerance, POLISH_ROUNDS)
+    score = log_posterior(problem, roots, q)
+    order = np.argsort(-score, kind="stable")
+    return [(roots[row], q[row]) for row in order if score[row] > here - NATS]
+
+
+def _same(problem: Problem, rival: tuple[Array, Array], place: tuple[Array, Array], draws: ModeDraws) -> bool:
+    """Whether a rival lies within what is drawn about another place, of all parts."""
+    weights = np.exp(draws.log_weights)
+    strayed = _part_motions(problem, *place, draws.roots, draws.joints)
+    rms = np.sqrt(weights @ strayed**2)
+    apart = _part_motions(problem, *place, rival[0][None], rival[1][None])[0]
+    return bool(np.all(apart <= np.maximum(SAME, DEVIATIONS * rms)))
+
+
+def motions(problem: Problem, root: Array, joints: Array, roots: Array, others: Array) -> Array:
+    """(C,) metres: the largest that any part's middle or rim moves from (7,), (D,) to (C, 7), (C, D)."""
+    found: Array = _part_motions(problem, root, joints, roots, others).max(axis=1)
+    return found
+
+
+def _part_motions(problem: Problem, root: Array, joints: Array, roots: Array, others: Array) -> Array:
+    """(C, N): the same of each part."""
+    mrf = problem.mrf
+    before, after = mrf.part_poses(root, joints), mrf.part_poses(roots, others)
+    middle = poses.transform_points(after, mrf.centres) - poses.transform_points(before, mrf.centres)
+    turned = poses.rotation_angle(after[..., 3:], before[:, 3:])
+    return np.linalg.norm(middle, axis=-1) + mrf.radii * turned
+
+
+def _mixture(iteration: int, places: list[tuple[Array, Array]], drawn: list[ModeDraws], fit: Fit) -> Posterior:
+    """All modes' draws, each weighed by its mode's evidence."""
+    evidence = np.array([draws.log_evidence for draws in drawn])
+    if not np.isfinite(evidence).any():
+        evidence = np.zeros(len(drawn))
+    log_weights = evidence - logsumexp(evidence)
+    order = [k for k in np.argsort(-log_weights, kind="stable") if log_weights[k] > np.log(LEAST_WEIGHT) or k == 0]
+    log_weights[order] -= logsumexp(log_weights[order])
+    return Posterior(
+        iteration=iteration,
+        root=places[0][0],
+        joints=places[0][1],
+        drawn_roots=np.concatenate([drawn[k].roots for k in order]),
+        drawn_joints=np.concatenate([drawn[k].joints for k in order]),
+        log_weights=np.concatenate([drawn[k].log_weights + log_weights[k] for k in order]),
+        mode=np.repeat(np.arange(len(order)), [len(drawn[k].roots) for k in order]),
+        modes=tuple(
+            ObjectMode(weight=float(np.exp(log_weights[k])), root=places[k][0], joints=places[k][1]) for k in order
+        ),
+        effective_sample_size=drawn[0].effective_sample_size,
+        fit=fit,
+    )

@@ -1,0 +1,80 @@
+"""How far is each part of an object from where another configuration has it? The mean distance over its surface (eq.
+12), between two poses of the same part.
+
+A part that is round repeats itself in every turn about its axis, and no such turn moves it: of it the points' feet on
+the axis are compared, and the tilt of the axis at the surface's mean distance from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.scene.articulated_object import ArticulatedObject, Part
+from pmpnbp.scene.surface_points import even_points
+
+# Points of a part's surface that are averaged over.
+POINTS = 100
+# Points that tell whether a part is round, and those of them that are turned; by an angle, radians, that no regular
+# shape repeats itself in.
+TOLD_BY, TURNED, ANGLE = 2000, 200, 0.7
+# A round part is as wide one way as the other, by this share, and its points turned are as near to others of it, in
+# shares of its width.
+WIDTHS, NEAREST = 0.03, 0.02
+
+
+@dataclass(frozen=True)
+class PartSurface:
+    """points : (m, 3) of a part's surface, in its frame, no rows where it has none; of a round part their feet on its
+    axis. axis : (3,) of a round part, else zero; radius : metres, the surface's mean distance from it, else 0."""
+
+    points: Array
+    axis: Array
+    radius: float
+
+
+def part_surfaces(model: ArticulatedObject) -> tuple[PartSurface, ...]:
+    """Of each part."""
+    return tuple(_part_surface(part) for part in model.parts)
+
+
+def distances(surfaces: tuple[PartSurface, ...], here: Array, there: Array) -> Array:
+    """(..., N) metres from each part at `here` (N, 7) to itself at `there` (..., N, 7); NaN without a surface."""
+    found = np.full(there.shape[:-1], np.nan)
+    for node, surface in enumerate(surfaces):
+        if not len(surface.points):
+            continue
+        moved = poses.transform_points(there[..., node, None, :], surface.points)
+        apart = np.linalg.norm(moved - poses.transform_points(here[node], surface.points), axis=-1).mean(axis=-1)
+        axis_there, axis_here = (poses.rotate(some[..., node, 3:], surface.axis) for some in (there, here))
+        tilt = np.linalg.norm(np.cross(axis_there, axis_here), axis=-1)
+        found[..., node] = apart + surface.radius * tilt
+    return found
+
+
+def _part_surface(part: Part) -> PartSurface:
+    if not part.visible:
+        return PartSurface(np.zeros((0, 3)), np.zeros(3), 0.0)
+    points = even_points(part.mesh, POINTS)
+    axis = _round_about(part)
+    if axis is None:
+        return PartSurface(points, np.zeros(3), 0.0)
+    feet = part.centre + np.outer((points - part.centre) @ axis, axis)
+    return PartSurface(feet, axis, float(np.linalg.norm(points - feet, axis=1).mean()))
+
+
+def _round_about(part: Part) -> Array | None:
+    """(3,) the axis of the part's frame about which it is round, or None."""
+    for number, axis in enumerate(np.eye(3)):
+        across = np.delete(part.extents, number)
+        if across.max() == 0 or np.ptp(across) > WIDTHS * across.max():
+            continue
+        points = even_points(part.mesh, TOLD_BY) - part.centre
+        turned = poses.rotate(poses.from_rotation_vector(ANGLE * axis), points[:: TOLD_BY // TURNED])
+        if cKDTree(points).query(turned)[0].mean() < NEAREST * across.max():
+            return axis
+    return None

@@ -23,7 +23,7 @@ from benchmarks.trials import Case, timed, warm_kernels
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.tree_estimate import agreeing
 from pmpnbp.readout.estimate import place
-from pmpnbp.readout.posterior import read_out
+from pmpnbp.readout.posterior import of_estimate
 from pmpnbp.scene.prior import GaussianPrior
 from pmpnbp.settings import Settings
 
@@ -62,7 +62,7 @@ def _run(
         if made.at_rest is not None or made.report.iteration >= arguments.iterations:
             break
     root, joints = agreeing(made.problem, made.report)
-    placed = place(made.problem, made.report, read_out(made.problem, made.report))
+    placed = place(made.problem, made.report, of_estimate(made.problem, made.report))
     drawn, spread = placed.std_xyz, placed.particle_std_xyz
     assert drawn is not None  # the search is over
     errors = case.model.part_poses(root, joints)[:, :3] - case.true_poses[:, :3]

@@ -15,7 +15,7 @@ from benchmarks.trials import PROJECT, Case, load_case, load_roi, rough_prior, t
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.readout.estimate import Placement, place
-from pmpnbp.readout.posterior import read_out
+from pmpnbp.readout.posterior import of_estimate
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
@@ -113,7 +113,7 @@ def perform(asked: Asked) -> Result:
     seconds, add, std = zip(*rows, strict=True)
     more = {}
     if asked.get("posterior", False):
-        told = place(made.problem, report, read_out(made.problem, report))
+        told = place(made.problem, report, of_estimate(made.problem, report))
         if told.spread is not None and told.std_xyz is not None:
             more["posterior"] = {
                 "std": np.round(_std(case, told.std_xyz), 6).tolist(),

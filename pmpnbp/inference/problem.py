@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pmpnbp.errors import ScanError
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import mrf as mrf_module
@@ -169,9 +170,12 @@ def build(
 ) -> Problem:
     """Prepare the inputs: splat models of the parts, the MRF, the prior in the frame of its part.
 
-    Raises SettingError for a `method` that there is none of.
+    Raises SettingError for a `method` that there is none of, and ScanError where the object has to be looked for and
+    nothing that was seen may be it.
     """
     check_method(method)
+    if isinstance(prior, UniformPrior) and not len(observation.points):
+        raise ScanError("all that was measured in the region lies on floor, walls or tables; expected an object there")
     node, pose = -1, poses.IDENTITY
     known: dict[int, tuple[float, float]] = {}
     if isinstance(prior, GaussianPrior):

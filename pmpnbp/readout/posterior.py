@@ -116,10 +116,13 @@ class Spread:
 
 
 def read_out(problem: Problem, report: IterationReport) -> Posterior | None:
-    """The posterior about the estimate of an iteration; None during the search, which has none to tell. The same
-    problem and report give the same numbers."""
-    if report.stage in ("start", "search"):
-        return None
+    """The posterior about the estimate of an iteration; None during the search, whose estimate is on its way."""
+    return None if report.stage in ("start", "search") else of_estimate(problem, report)
+
+
+def of_estimate(problem: Problem, report: IterationReport) -> Posterior:
+    """The posterior about the estimate of an iteration, whatever its stage. The same problem and report give the same
+    numbers."""
     problem = problem.taking(report.nuisances)
     root, joints = agreeing(problem, report)
     rng = np.random.default_rng([problem.seed, report.iteration, 1])

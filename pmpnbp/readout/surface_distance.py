@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.scene.articulated_object import ArticulatedObject, Part
-from pmpnbp.scene.surface_points import even_points
+from pmpnbp.scene.surface_points import area, even_points
 
 # Points of a part's surface that are averaged over.
 POINTS = 100
@@ -23,8 +23,8 @@ POINTS = 100
 # shape repeats itself in.
 TOLD_BY, TURNED, ANGLE = 2000, 200, 0.7
 # A round part is as wide one way as the other, by this share, and its points turned are as near to others of it, in
-# shares of its width.
-WIDTHS, NEAREST = 0.03, 0.02
+# shares of their spacing: half of it, were they strewn at random.
+WIDTHS, NEAREST = 0.03, 0.7
 
 
 @dataclass(frozen=True)
@@ -69,12 +69,13 @@ def _part_surface(part: Part) -> PartSurface:
 
 def _round_about(part: Part) -> Array | None:
     """(3,) the axis of the part's frame about which it is round, or None."""
+    spacing = np.sqrt(area(part.mesh) / TOLD_BY)
     for number, axis in enumerate(np.eye(3)):
         across = np.delete(part.extents, number)
         if across.max() == 0 or np.ptp(across) > WIDTHS * across.max():
             continue
         points = even_points(part.mesh, TOLD_BY) - part.centre
         turned = poses.rotate(poses.from_rotation_vector(ANGLE * axis), points[:: TOLD_BY // TURNED])
-        if cKDTree(points).query(turned)[0].mean() < NEAREST * across.max():
+        if cKDTree(points).query(turned)[0].mean() < NEAREST * spacing:
             return axis
     return None

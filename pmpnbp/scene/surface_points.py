@@ -26,6 +26,11 @@ def even_points(mesh: Mesh, count: int) -> Array:
     )
 
 
+def area(mesh: Mesh) -> float:
+    """Square metres of a mesh's surface."""
+    return float(np.linalg.norm(_crosses(mesh), axis=1).sum() / 2)
+
+
 @dataclass(frozen=True)
 class Surface:
     """Meshes made ready to draw points from, triangle by triangle.

@@ -13,8 +13,12 @@ from pmpnbp.geometry import poses
 from pmpnbp.inference import problem as problem_module
 from pmpnbp.inference.belief import START, Belief, IterationReport, Origin, State
 from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.tree_estimate import agreeing
 from pmpnbp.readout import estimate as readout
 from pmpnbp.readout import particle_statistics
+from pmpnbp.readout.fit import Fit
+from pmpnbp.readout.posterior import ObjectMode, Posterior
+from pmpnbp.readout.result import to_result
 from pmpnbp.readout.truth_errors import errors as truth_errors
 from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.observe import observe
@@ -130,14 +134,13 @@ def test_a_link_far_from_its_part_has_the_covariance_carried_over_by_the_adjoint
     """Exact for small turns; at 1 mrad what the adjoint leaves out is of the order of 1e-3 of the entries."""
     part_poses, joints = standing(problem)
     particles = scattered(rng, part_poses, 300, 0.004, 0.001)
-    found = readout.estimate(problem, report_of(problem, part_poses, joints, particles))
-    links = {link.name: link for link in found.links}
-    lid, knob = links["lid"], links["knob"]
-    assert lid.part == knob.part
-    x, y, z = knob.pose[:3] - lid.pose[:3]
+    placed = readout.place(problem, report_of(problem, part_poses, joints, particles))
+    lid, knob = (placed.particle_covariances[problem.mrf.model.links.index(name)] for name in ("lid", "knob"))
+    at = {name: placed.link_poses[problem.mrf.model.links.index(name)] for name in ("lid", "knob")}
+    x, y, z = at["knob"][:3] - at["lid"][:3]
     adjoint = np.eye(6)
     adjoint[:3, 3:] = -np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    np.testing.assert_allclose(knob.covariance, adjoint @ lid.covariance @ adjoint.T, rtol=0.02, atol=1e-8)
+    np.testing.assert_allclose(knob, adjoint @ lid @ adjoint.T, rtol=0.02, atol=1e-8)
 
 
 def test_modes_are_the_separate_hypotheses_heaviest_first(rng: np.random.Generator) -> None:
@@ -206,10 +209,10 @@ def test_joint_std_of_whole_objects_is_that_of_their_joints(problem: Problem, rn
 
 def test_every_link_and_moving_joint_is_reported_and_fits_the_tree(problem: Problem, rng: np.random.Generator) -> None:
     part_poses, joints = standing(problem)
-    found = readout.estimate(
-        problem, report_of(problem, part_poses, joints, scattered(rng, part_poses, 300, 0.001, 0.002)), max_std=0.004
-    )
-    result = readout.to_result(found)
+    report = report_of(problem, part_poses, joints, scattered(rng, part_poses, 300, 0.001, 0.002))
+    posterior = drawn_about(rng, problem, part_poses, joints, 0.001)
+    found = readout.estimate(problem, report, readout.place(problem, report, posterior), max_std=0.004)
+    result = to_result(found)
     model = problem.mrf.model
     assert list(result["links"]) == list(model.links)
     assert set(result["joints"]) == {"roll", "hinge", "follow", "float", "last"}
@@ -217,7 +220,11 @@ def test_every_link_and_moving_joint_is_reported_and_fits_the_tree(problem: Prob
     assert follow["position"] == pytest.approx(-0.5 * hinge["position"] + 0.1)
     assert follow["std"] == pytest.approx(0.5 * hinge["std"])
     assert (follow["lower"], follow["upper"]) == pytest.approx((-0.9, 0.1))
-    assert [len(result["joints"]["float"][name]) for name in ("position", "std", "lower", "upper")] == [3] * 4
+    names = ("position", "std", "interval", "lower", "upper")
+    assert [len(result["joints"]["float"][name]) for name in names] == [3] * 5
+    assert follow["interval"] == pytest.approx([-0.5 * end + 0.1 for end in reversed(hinge["interval"])])
+    assert [entry["weight"] for entry in result["alternatives"]] == [1.0]
+    assert result["alternatives"][0]["joints"]["hinge"] == pytest.approx(hinge["position"])
     assert result["joints"]["float"]["upper"] == pytest.approx([1.0, 1.0, np.pi])
     poses_of = {link.name: link.pose for link in found.links}
     for joint in model.joints:
@@ -236,17 +243,98 @@ def test_what_is_seen_of_a_link_is_none_where_no_surface_moves_with_it(
         assert (link.visible_fraction is None) == (link.log_likelihood is None) == unseen
 
 
+def drawn_about(
+    rng: np.random.Generator,
+    problem: Problem,
+    part_poses: Array,
+    joints: Array,
+    std: float,
+    *,
+    rival: float = 0.0,
+    verdict: str = "good",
+) -> Posterior:
+    """Five hundred draws of a posterior about a configuration, the root's position and the joint `roll` spread by
+    `std`, metres; and `rival` of its weight half a metre to the side."""
+    model, count = problem.mrf.model, 500
+    roots = poses.perturb(part_poses[0], std * rng.standard_normal((count, 3)), np.zeros((count, 3)))
+    vectors = np.tile(joints, (count, 1))
+    roll = model.coordinate_names.index("roll")
+    vectors[:, roll] = np.clip(joints[roll] + std * rng.standard_normal(count), -1, 1)
+    aside = part_poses[0] + np.r_[0.0, 0.5, 0, 0, 0, 0, 0]
+    beside = np.arange(count) >= count // 2
+    roots[beside] = roots[beside] + (aside - part_poses[0]) * (rival > 0)
+    shares = (1 - rival, rival) if rival else (1.0,)
+    weights = np.where(beside, rival or 0.5, 1 - rival if rival else 0.5) / (count // 2)
+    places = (part_poses[0], aside)[: len(shares)]
+    return Posterior(
+        iteration=7,
+        root=part_poses[0],
+        joints=joints,
+        drawn_roots=roots,
+        drawn_joints=vectors,
+        log_weights=np.log(weights),
+        mode=beside.astype(np.int64) * (rival > 0),
+        modes=tuple(ObjectMode(weight=w, root=r, joints=joints) for w, r in zip(shares, places, strict=True)),
+        effective_sample_size=100.0,
+        fit=Fit(verdict=verdict, reason="as a test says", explained=0.9),  # type: ignore[arg-type]
+    )
+
+
+def test_before_there_is_a_posterior_nothing_is_certain_and_its_members_are_null(
+    problem: Problem, rng: np.random.Generator
+) -> None:
+    part_poses, joints = standing(problem)
+    report = report_of(problem, part_poses, joints, scattered(rng, part_poses, 300, 1e-5, 0.0))
+    result = to_result(readout.estimate(problem, report, max_std=10.0))
+    assert not result["certain"] and result["fit"] is None and result["alternatives"] == []
+    for link in result["links"].values():
+        nulls = (link["std_xyz"], link["covariance"], link["expected_add"])
+        assert nulls == (None, None, None) and link["modes"] == [] and not link["certain"]
+    # what is spread is the particles, and the foot as the joint that nothing is seen of
+    spread = {name: max(link["particle_std_xyz"]) for name, link in result["links"].items()}
+    assert spread["lid"] < 2e-5 and spread["foot"] > 0.1
+    assert all(joint["std"] is None and joint["interval"] is None for joint in result["joints"].values())
+
+
 def test_certain_is_what_it_says(problem: Problem, rng: np.random.Generator) -> None:
     part_poses, joints = standing(problem)
-    report = report_of(problem, part_poses, joints, scattered(rng, part_poses, 300, 0.001, 0.0))
-    strict = readout.to_result(readout.estimate(problem, report, max_std=0.0025))
-    # the foot hangs on a joint that nothing is seen of
-    assert [name for name, link in strict["links"].items() if not link["certain"]] == ["foot"]
-    assert not strict["certain"]
+    report = report_of(problem, part_poses, joints, scattered(rng, part_poses, 300, 0.1, 0.0))
+
+    def told(std: float, max_std: float, **more: object) -> dict:
+        posterior = drawn_about(rng, problem, part_poses, joints, std, **more)
+        return to_result(readout.estimate(problem, report, readout.place(problem, report, posterior), max_std=max_std))
+
+    strict = told(0.002, 0.004)
+    assert strict["certain"]
     for link in strict["links"].values():
-        assert link["certain"] == all(std <= 0.0025 for std in link["std_xyz"])
+        assert link["certain"] == all(std <= 0.004 for std in link["std_xyz"])
         np.testing.assert_allclose(np.sqrt(np.diag(np.reshape(link["covariance"], (6, 6)))[:3]), link["std_xyz"])
-    assert readout.to_result(readout.estimate(problem, report, max_std=10.0))["certain"]
+    body = strict["links"]["body"]
+    # the mean length of a gaussian in space is 2 sqrt(2 / pi) of its standard deviation
+    assert body["expected_add"] == pytest.approx(2 * np.sqrt(2 / np.pi) * 0.002, rel=0.1)
+    # of a link without a surface it is that of the part it is reached from
+    assert strict["links"]["foot"]["expected_add"] == pytest.approx(body["expected_add"])
+    assert not told(0.002, 0.0028)["certain"]  # each axis is, the surface is not
+    assert not told(0.002, 0.004, verdict="doubtful")["certain"]
+
+
+@pytest.mark.parametrize(("rival", "certain"), [(0.005, True), (0.02, False)])
+def test_nobody_is_certain_of_a_link_that_another_mode_has_elsewhere(
+    problem: Problem, rng: np.random.Generator, rival: float, certain: bool
+) -> None:
+    part_poses, joints = standing(problem)
+    report = report_of(problem, part_poses, joints, scattered(rng, part_poses, 300, 0.001, 0.0))
+    posterior = drawn_about(rng, problem, part_poses, joints, 0.0005, rival=rival)
+    placed = readout.place(problem, report, posterior)
+    assert placed.certain(0.2).all() == certain
+    found = to_result(readout.estimate(problem, report, placed, max_std=0.2))
+    assert [mode["weight"] for mode in found["links"]["lid"]["modes"]] == pytest.approx([1 - rival, rival])
+    assert [other["weight"] for other in found["alternatives"]] == pytest.approx([1 - rival, rival])
+    apart = [other["links"]["lid"]["pose"]["position"]["y"] for other in found["alternatives"]]
+    assert apart[1] - apart[0] == pytest.approx(0.5)
+    # the half metre counts in the standard deviation by its weight
+    y = found["links"]["body"]["std_xyz"][1]
+    assert y == pytest.approx(0.5 * np.sqrt(rival), rel=0.05)
 
 
 @pytest.mark.parametrize("told", [False, True])
@@ -257,7 +345,7 @@ def test_poses_that_do_not_fit_together_are_brought_onto_the_tree(
     part_poses, _ = standing(problem)
     apart = scattered(rng, part_poses, 1, 0.01, 0.02)[:, 0]
     vector = np.zeros(problem.mrf.model.dof) if told else None
-    root, found = readout.agreeing(problem, report_of(problem, apart, vector, np.repeat(apart[:, None], 300, axis=1)))
+    root, found = agreeing(problem, report_of(problem, apart, vector, np.repeat(apart[:, None], 300, axis=1)))
     model = problem.mrf.model
     assert np.all(found >= model.lower - 1e-12) and np.all(found <= model.upper + 1e-12)
     moved = np.linalg.norm(model.part_poses(root, found)[:, :3] - part_poses[:, :3], axis=1)
@@ -268,9 +356,7 @@ def test_poses_that_do_not_fit_together_are_brought_onto_the_tree(
 
 def test_an_estimate_on_the_tree_is_taken_as_it_is(problem: Problem) -> None:
     part_poses, joints = standing(problem)
-    root, found = readout.agreeing(
-        problem, report_of(problem, part_poses, joints, np.repeat(part_poses[:, None], 300, axis=1))
-    )
+    root, found = agreeing(problem, report_of(problem, part_poses, joints, np.repeat(part_poses[:, None], 300, axis=1)))
     assert np.array_equal(root, part_poses[0]) and np.array_equal(found, joints)
 
 

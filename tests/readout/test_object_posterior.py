@@ -1,4 +1,4 @@
-"""What the scan leaves open: against a posterior on a grid, on what is seen and on what is not."""
+"""What the scan leaves open: against a posterior on a grid, on what is seen and on what is not; and the modes of it."""
 
 from __future__ import annotations
 
@@ -13,9 +13,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores
-from pmpnbp.readout import object_posterior
-from pmpnbp.readout.object_posterior import CONFIDENCE, draw, link_covariances
-from pmpnbp.readout.particle_statistics import covariance
+from pmpnbp.readout.object_posterior import CONFIDENCE, ModeDraws, mode_draws
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from tests.inference import small_worlds as worlds
@@ -35,11 +33,18 @@ def pinned() -> GaussianPrior:
     return GaussianPrior("link0", ROOT, np.full(3, 1e-5), np.full(3, 1e-5), {})
 
 
+def moments(draws: ModeDraws) -> tuple[float, float]:
+    """Mean and standard deviation of the slide."""
+    weights, slide = np.exp(draws.log_weights), draws.joints[:, SLIDE]
+    mean = float(weights @ slide)
+    return mean, float(np.sqrt(weights @ (slide - mean) ** 2))
+
+
 @pytest.mark.parametrize("name", ["seen", "hidden"])
 def test_a_joint_s_posterior_is_that_on_a_grid(name: str) -> None:
-    """The hinge is seen well, so that the slide's posterior is the score along it. Twenty sets of draws; of their mean
-    and standard deviation five standard errors are tolerated: by Student's distribution with 19 degrees of freedom, one
-    in ten thousand a comparison."""
+    """The hinge is known, so that the slide's posterior is the score along it. Twenty sets of draws; of their mean and
+    standard deviation five standard errors are tolerated: by Student's distribution with 19 degrees of freedom, one in
+    ten thousand a comparison."""
     # from the front, and from low behind the closed back, where the drawer may be anywhere; every draw is rendered
     eye = (0.0, 0.0, 0.7) if name == "seen" else (2.9, -0.4, 0.3)
     made = looked_at(pinned(), worlds.camera_at(eye, ROOT[:3] + [0, 0, 0.2], width=64, height=48))
@@ -54,8 +59,8 @@ def test_a_joint_s_posterior_is_that_on_a_grid(name: str) -> None:
     std = np.sqrt(weights @ (slide - mean) ** 2)
     assert (std < 0.002) if name == "seen" else (std > 0.05)
 
-    found = [draw(np.random.default_rng([4, k]), fixed, ROOT, JOINTS)[1][:, SLIDE] for k in range(20)]
-    for measured, expected in ((np.mean(found, axis=1), mean), (np.std(found, axis=1), std)):
+    found = np.array([moments(mode_draws(np.random.default_rng([4, k]), fixed, ROOT, JOINTS)) for k in range(20)])
+    for measured, expected in zip(found.T, (mean, std), strict=True):
         assert abs(measured.mean() - expected) < 5 * measured.std(ddof=1) / np.sqrt(len(found)), (measured, expected)
 
 
@@ -68,30 +73,31 @@ def frozen(model: ArticulatedObject, joints: Array) -> ArticulatedObject:
 
 def test_draws_keep_to_the_limits_and_gather_where_the_truth_is() -> None:
     made = looked_at(UniformPrior("upright"))
-    roots, joints = draw(np.random.default_rng(7), made, ROOT, JOINTS)
-    assert roots.shape == (len(joints), 7) and len(joints) >= 1000
-    np.testing.assert_allclose(np.linalg.norm(roots[:, 3:], axis=1), 1.0)
-    assert np.all((joints >= MODEL.lower) & (joints <= MODEL.upper))
-    offset = np.abs(roots[:, :3].mean(axis=0) - ROOT[:3])
-    assert offset.max() < 0.003 and roots[:, :3].std(axis=0).max() < 0.003
-    assert poses.rotation_angle(roots[:, 3:], ROOT[3:]).max() < 0.05
+    draws = mode_draws(np.random.default_rng(7), made, ROOT, JOINTS)
+    weights = np.exp(draws.log_weights)
+    assert draws.roots.shape == (len(draws.joints), 7) and weights.sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(np.linalg.norm(draws.roots[:, 3:], axis=1), 1.0)
+    assert np.all((draws.joints >= MODEL.lower) & (draws.joints <= MODEL.upper))
+    offset = draws.roots[:, :3] - ROOT[:3]
+    assert np.abs(weights @ offset).max() < 0.003 and np.sqrt(weights @ offset**2).max() < 0.004
+    assert weights @ poses.rotation_angle(draws.roots[:, 3:], ROOT[3:]) < 0.01
+    assert 20 < draws.effective_sample_size <= len(weights)
 
 
-def test_covariances_are_those_of_the_draws_about_the_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_evidence_is_the_same_from_any_seed_and_falls_where_the_object_is_not() -> None:
+    """Of two sets of draws it differs by a tenth or two: half a nat is five such standard deviations and more."""
     made = looked_at(UniformPrior("upright"))
-    rng = np.random.default_rng(3)
-    roots = poses.perturb(ROOT, 0.01 * rng.standard_normal((200, 3)), 0.02 * rng.standard_normal((200, 3)))
-    joints = np.clip(JOINTS + 0.02 * rng.standard_normal((200, 2)), MODEL.lower, MODEL.upper)
-    monkeypatch.setattr(object_posterior, "draw", lambda *_: (roots, joints))
-    found = link_covariances(rng, made, ROOT, JOINTS)
-    for row in range(len(MODEL.links)):
-        one = np.array([MODEL.link_poses(MODEL.part_poses(r, q), q)[row] for r, q in zip(roots, joints, strict=True)])
-        there = MODEL.link_poses(MODEL.part_poses(ROOT, JOINTS), JOINTS)[row]
-        np.testing.assert_allclose(found[row], covariance(there, one, np.ones(200)), atol=1e-12)
+    here = [mode_draws(np.random.default_rng(k), made, ROOT, JOINTS).log_evidence for k in range(4)]
+    assert np.ptp(here) < 1.0
+    away = np.concatenate([ROOT[:3] + [0.0, 0.02, 0.0], ROOT[3:]])
+    away_joints = np.clip(JOINTS + [0.05, 0.1], MODEL.lower, MODEL.upper)
+    apart = looked_at(GaussianPrior("link0", away, np.full(3, 1e-4), np.full(3, 1e-4), {}))
+    assert mode_draws(np.random.default_rng(0), apart, away, away_joints).log_evidence < min(here) - 5
 
 
 def test_the_same_seed_gives_the_same_draws() -> None:
     made = looked_at(UniformPrior("upright"))
-    once, again = (draw(np.random.default_rng(1), made, ROOT, JOINTS) for _ in range(2))
-    for first, second in zip(once, again, strict=True):
-        np.testing.assert_array_equal(first, second)
+    once, again = (mode_draws(np.random.default_rng(1), made, ROOT, JOINTS) for _ in range(2))
+    for name in ("roots", "joints", "log_weights"):
+        np.testing.assert_array_equal(getattr(once, name), getattr(again, name))
+    assert once.log_evidence == again.log_evidence

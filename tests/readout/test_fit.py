@@ -1,0 +1,82 @@
+"""Whether what should be seen is seen: on a cupboard in the air, at its place and away from it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference import problem as problems
+from pmpnbp.inference.problem import Problem
+from pmpnbp.readout.fit import assess
+from pmpnbp.scene.observe import observe
+from pmpnbp.scene.prior import UniformPrior
+from tests.inference import small_worlds as worlds
+
+MODEL = worlds.cupboard()
+ROOT, JOINTS = worlds.cupboard_truth()
+CAMERA = worlds.camera_at((0.0, 0.0, 0.7), ROOT[:3] + [0, 0, 0.2])
+
+
+def built(
+    *, root: Array = ROOT, joints: Array = JOINTS, nearer: float | None = None, add: Array | None = None
+) -> Problem:
+    """A cupboard as it is seen; `nearer` : depth in metres of a board before the left three quarters of it; `add` : the
+    pose of another cupboard beside it."""
+    scan = worlds.scan(MODEL, MODEL.part_poses(root, joints), CAMERA)
+    depth = scan.depth.copy()
+    if add is not None:
+        depth = np.minimum(depth, worlds.scan(MODEL, MODEL.part_poses(add, joints), CAMERA).depth)
+    if nearer is not None:
+        columns = np.nonzero(depth < 3.9)[1]
+        depth[:, : int(np.quantile(columns, 0.75))] = nearer
+    box = np.array([*(ROOT[:3] - [0.6, 0.6, 0.1]), *(ROOT[:3] + [0.6, 0.6, 0.7])])
+    observation = observe([replace(scan, depth=depth)], box, up=worlds.UP)
+    return problems.build(MODEL, observation, UniformPrior("upright"), worlds.settings(), particles=20)
+
+
+def test_where_it_is_the_fit_is_good_and_says_how_much_is_confirmed() -> None:
+    fit = assess(built(), ROOT, JOINTS)
+    assert fit.verdict == "good" and fit.missed == ()
+    assert 0.9 < fit.explained <= 1
+    assert fit.reason == f"the scan confirms {100 * fit.explained:.0f} % of what should be seen"
+
+
+@pytest.mark.parametrize("away", [[0.0, 0.0, 0.25], [-0.3, 0.0, 0.0], [0.0, 0.45, 0.0]])
+def test_where_it_is_not_there_is_no_fit(away: list[float]) -> None:
+    elsewhere = np.concatenate([ROOT[:3] + away, ROOT[3:]])
+    fit = assess(built(), elsewhere, JOINTS)
+    assert fit.verdict == "none" and fit.explained < 0.35
+
+
+def test_out_of_the_picture_nothing_is_confirmed() -> None:
+    behind = np.concatenate([[-1.0, 0.0, 0.0], ROOT[3:]])
+    fit = assess(built(), behind, JOINTS)
+    assert (fit.verdict, fit.explained) == ("none", 0.0)
+
+
+def test_a_part_that_is_not_where_it_should_be_seen_is_named() -> None:
+    shut = JOINTS * [1.0, 0.0]
+    fit = assess(built(), ROOT, shut)  # the flap is open
+    assert fit.verdict == "doubtful" and fit.missed == ("link2",)
+    assert "but not link2" in fit.reason
+
+
+def test_what_hides_most_of_it_leaves_doubt() -> None:
+    fit = assess(built(nearer=0.85), ROOT, JOINTS)
+    assert fit.verdict == "doubtful" and "something in front hides" in fit.reason
+
+
+def test_surfaces_that_go_on_around_a_half_hidden_object_leave_doubt() -> None:
+    """A small model within a large thing: here the cupboard where another, turned, stands half in front of it."""
+    other = poses.multiply(ROOT, worlds.at(0.05, -0.22))
+    fit = assess(built(add=other), ROOT, JOINTS)
+    assert fit.verdict == "doubtful" and "explained by nothing" in fit.reason
+
+
+def test_a_look_alike_apart_from_it_leaves_none() -> None:
+    other = np.concatenate([ROOT[:3] + [0.1, -0.75, 0.0], ROOT[3:]])
+    assert assess(built(add=other), ROOT, JOINTS).verdict == "good"

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from benchmarks import options
-from benchmarks.hard_scenes import FAMILIES, hard_scene
+from benchmarks.hard_scenes import FAMILIES, HardScene, hard_scene
 from benchmarks.tables import centimetres, markdown, progress, rate
 from benchmarks.trials import Case, Trial, load_case, load_roi, run_trial, warm_kernels
 from pmpnbp.geometry.poses import Array
@@ -33,6 +33,8 @@ TOLERANCE = 0.02
 TIE = 0.02
 MARGIN = 0.15
 POLISH_ROUNDS = 12
+# Metres below the floor: out of any camera's sight.
+AWAY = 50.0
 
 
 @dataclass(frozen=True)
@@ -52,17 +54,33 @@ def load_hard(
     family: str, seed: int, parent: Path, settings: Settings, margin: float | None = MARGIN
 ) -> tuple[Case, UniformPrior]:
     """The scene made ready, and its prior. margin : metres about the object's box; None looks everywhere."""
-    made = hard_scene(family, seed)
-    folder = parent / f"{family}_{seed}"
+    made, folder = hard_scene(family, seed), parent / f"{family}_{seed}"
     rng = np.random.default_rng([21, list(FAMILIES).index(family), seed])
+    _write(folder, made, rng)
+    grown = None if margin is None else load_roi(folder) + np.repeat([-1.0, 1.0], 3) * (margin - ROI_MARGIN)
+    model = load_model(folder / "model.urdf", triangle_budget=settings.triangles)
+    return load_case(folder.name, model, folder, grown, settings), UniformPrior(made.orientation)
+
+
+def load_absent(family: str, seed: int, parent: Path, settings: Settings, roi: Array | None) -> Case:
+    """The scene without its object, looked for in `roi` (6,), metres, world, all the same. Raises ScanError where
+    nothing is left to look at."""
+    made = hard_scene(family, seed)
+    below = made.scene.pose_world_base + np.array([0.0, 0.0, -AWAY, 0.0, 0.0, 0.0, 0.0])
+    folder = parent / f"{family}_{seed}_absent"
+    rng = np.random.default_rng([22, list(FAMILIES).index(family), seed])
+    _write(folder, replace(made, scene=replace(made.scene, pose_world_base=below)), rng)
+    model = load_model(folder / "model.urdf", triangle_budget=settings.triangles)
+    return load_case(folder.name, model, folder, roi, settings)
+
+
+def _write(folder: Path, made: HardScene, rng: np.random.Generator) -> None:
+    """Scan, truth and region of a scene, and the URDF that the inference is given."""
     write_scene(folder, made.scene, rng)
     depth = np.asarray(Image.open(folder / "depth.png")).astype(np.float64) / 1000
     noisy = made.depth_scale * depth + made.noise * depth**2 * rng.standard_normal(depth.shape)
     Image.fromarray(np.where(depth > 0, np.rint(1000 * noisy), 0).astype(np.uint16)).save(folder / "depth.png")
     (folder / "model.urdf").write_text(made.urdf, encoding="utf-8")
-    model = load_model(folder / "model.urdf", triangle_budget=settings.triangles)
-    grown = None if margin is None else load_roi(folder) + np.repeat([-1.0, 1.0], 3) * (margin - ROI_MARGIN)
-    return load_case(folder.name, model, folder, grown, settings), UniformPrior(made.orientation)
 
 
 def study(

@@ -39,7 +39,10 @@ LOOSE = 0.02
 # An axis of the first proposal is flat where it has this share of the variance of what is not held; where along it the
 # density is looked at, metres or radians.
 FLAT, SCANNED = 0.25, (0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 3.0)
-# The same of a parameter beside nuisances that the scan does not tell either: it goes as far as their prior takes it.
+# Metres from the mode at most: where nothing at all is seen the draws would go on without end.
+ASTRAY = 2.0
+# How far such a parameter starts beside nuisances that the scan does not tell either: it goes as far as their prior
+# takes it.
 UNTOLD = 1.0
 
 
@@ -67,11 +70,8 @@ def mode_draws(rng: np.random.Generator, problem: Problem, root: Array, joints: 
     density = _density(problem, root, joints, free)
     covariance = _scanned(density, np.asarray(np.linalg.inv(information), dtype=np.float64))
     grids = _grids(problem, root, joints, np.diag(information)[6 : 6 + model.dof] ** -0.5)
-    unlimited = np.full((2, len(information)), np.inf) * np.array([[-1.0], [1.0]])
-    limits = unlimited.copy()
-    limits[:, 6 : 6 + model.dof] = model.lower - joints, model.upper - joints
-    limits = np.where(np.isin(np.arange(len(information)), 6 + np.flatnonzero(model.wraps)), unlimited, limits)
-    first = Proposal(np.zeros(len(information)), covariance, limits[0], limits[1], grids)
+    lower, upper = _limits(problem, joints, len(free))
+    first = Proposal(np.zeros(len(information)), covariance, lower, upper, grids)
     drawn = adaptive_importance(rng, density, first, ROUNDS, ENOUGH)
     roots, q = _placed(problem, root, joints, drawn.rows)
     return ModeDraws(
@@ -102,19 +102,31 @@ def _placed(problem: Problem, root: Array, joints: Array, offsets: Array) -> tup
 def _density(problem: Problem, root: Array, joints: Array, free: NDArray[np.int64]) -> LogDensity:
     """The log posterior of offsets (C, 6 + D + F) to a configuration (7,), (D,) and to the `free` nuisances (F,)."""
     model = problem.mrf.model
+    lower, upper = _limits(problem, joints, len(free))
 
     def log_density(offsets: Array) -> Array:
-        roots, q = _placed(problem, root, joints, offsets)
-        outside = ~model.wraps & ((q < model.lower) | (q > model.upper))
         found = np.full(len(offsets), -np.inf)
-        inside = ~outside.any(axis=1)
+        inside = np.all((offsets >= lower) & (offsets <= upper), axis=1)
         if inside.any():
-            turned = within_limits(q[inside], model.lower, model.upper, model.wraps)
+            roots, q = _placed(problem, root, joints, offsets[inside])
+            turned = within_limits(q, model.lower, model.upper, model.wraps)
             nuisances = _nuisances(problem, free, offsets[inside, 6 + model.dof :])
-            found[inside] = log_posterior(problem, roots[inside], turned, nuisances)
+            found[inside] = log_posterior(problem, roots, turned, nuisances)
         return found
 
     return log_density
+
+
+def _limits(problem: Problem, joints: Array, free: int) -> tuple[Array, Array]:
+    """Least and largest offsets (6 + D + F,) of root, joints and free nuisances."""
+    model = problem.mrf.model
+    reach = np.concatenate([np.full(3, ASTRAY), np.full(3, np.pi)])
+    turns = np.where(model.wraps, np.inf, 0.0)
+    others = np.full(free, np.inf)
+    return (
+        np.concatenate([-reach, model.lower - joints - turns, -others]),
+        np.concatenate([reach, model.upper - joints + turns, others]),
+    )
 
 
 def _nuisances(problem: Problem, free: NDArray[np.int64], offsets: Array) -> Array | None:

@@ -30,12 +30,12 @@ from pmpnbp.readout.estimate import place
 from pmpnbp.readout.posterior import of_estimate
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.scene.urdf import load_model
-from pmpnbp.settings import Settings, changed
+from pmpnbp.settings import SessionOptions, Settings, changed
 
 FIRST_EASY = 300
 # Found, and as near as the paper's planner asks for: metres.
 FOUND, NEAR = 0.02, 0.003
-MAX_STD = 0.0025
+MAX_STD = SessionOptions.max_std
 # What may be wrong of a link that is said to be certain: metres, and radians where it is longer than LONG.
 WRONG, TURNED, LONG = 0.01, np.deg2rad(2.0), 0.10
 # Confidently wrong: farther than FOUND, and by as many standard deviations.

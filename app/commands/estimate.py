@@ -41,6 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     announce(arguments.quiet)
     # imported here: it compiles a kernel, before which a word is said
     from pmpnbp.inference.run import steps
+    from pmpnbp.readout.result import verdict
     from pmpnbp.readout.snapshot import Criteria, snapshot
     from pmpnbp.scene.truth_file import load_truth
 
@@ -70,6 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
     elapsed = time.perf_counter() - began
     found = snapshot(problem, step.report, criteria, converged=step.converged, elapsed=elapsed).read_out
     result = found.result
+    if not arguments.quiet:
+        sys.stderr.write(verdict(result) + "\n")
     if arguments.out is not None or not interrupted:
         _write(result, arguments.out)
     if not interrupted:

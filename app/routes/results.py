@@ -213,8 +213,10 @@ def get_decision(
     ] = None,
 ) -> Any:
     """By the newest iteration: act where every asked link is certain, no_fit where what should be seen is not seen,
-    else look. Before the inference is at rest there is no posterior, and nothing to act on."""
+    else look. The posterior is read out for it, where the inference is not at rest; during the search there is none,
+    and nothing to act on."""
     session, snapshot = read(request, session_id)
+    snapshot = snapshot.read_out
     names = snapshot.problem.mrf.model.links
     asked = [*names] if links is None else list(dict.fromkeys(links.split(",")))
     check_links(snapshot, asked)
@@ -239,7 +241,7 @@ def _action(snapshot: Snapshot, blocking: list[str], max_std: float) -> tuple[st
     """What to do, and why."""
     posterior = snapshot.placed.posterior
     if posterior is None:
-        return "look", f"iteration {snapshot.iteration} is not at rest yet: nothing says how sure it is"
+        return "look", f"iteration {snapshot.iteration} is of the search: nothing says yet how sure that is"
     if posterior.fit.verdict != "good":
         return "no_fit", posterior.fit.reason
     if not blocking:

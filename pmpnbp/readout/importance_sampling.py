@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -68,8 +69,7 @@ class Proposal:
 
     def draw(self, rng: np.random.Generator, count: int) -> Array:
         """(count, P); beyond a limit that is not near there may be some."""
-        own = self._own
-        spread = np.linalg.cholesky(self.covariance[np.ix_(own, own)])
+        own, spread = self._own, self._spread
         scale = np.sqrt(FREEDOM / rng.chisquare(FREEDOM, (count, 1)))
         found = np.tile(self.mean, (count, 1))
         found[:, own] += scale * rng.standard_normal((count, len(own))) @ spread.T
@@ -82,8 +82,7 @@ class Proposal:
 
     def log_density(self, rows: Array) -> Array:
         """(C,) of rows (C, P) within the limits."""
-        own, folds = self._own, self._folds
-        spread = np.linalg.cholesky(self.covariance[np.ix_(own, own)])
+        own, folds, spread = self._own, self._folds, self._spread
         images = []
         for mirrored in product((False, True), repeat=len(folds)):
             image = rows.copy()
@@ -100,12 +99,17 @@ class Proposal:
             found = found + grid.log_density(rows[:, grid.coordinate])
         return found
 
-    @property
+    @cached_property
     def _own(self) -> Array:
         gridded = [grid.coordinate for grid in self.grids]
         return np.setdiff1d(np.arange(len(self.mean)), gridded)
 
-    @property
+    @cached_property
+    def _spread(self) -> Array:
+        found: Array = np.linalg.cholesky(self.covariance[np.ix_(self._own, self._own)])
+        return found
+
+    @cached_property
     def _folds(self) -> list[tuple[int, float]]:
         """Coordinates that are folded, and the limit at which each is."""
         stds = np.sqrt(np.diag(self.covariance))
@@ -133,12 +137,16 @@ def adaptive_importance(
     not be above zero at all of them. Where it is nowhere, the weights are even and the integral is 0."""
     proposals: list[Proposal] = []
     rows, value = np.zeros((0, len(proposal.mean))), np.zeros(0)
+    # of each round's proposal, weighed by how many it drew, at the rows so far
+    proposed = np.zeros((0, 0))
     for round_number, count in enumerate(counts):
         proposals.append(proposal)
         new = proposal.draw(rng, count)
         rows, value = np.concatenate([rows, new]), np.concatenate([value, log_density(new)])
-        mixed = [np.log(many) + one.log_density(rows) for many, one in zip(counts, proposals, strict=False)]
-        log_weights = value - np.asarray(logsumexp(mixed, axis=0)) + np.log(len(rows))
+        older = [np.log(drawn) + one.log_density(new) for drawn, one in zip(counts, proposals[:-1], strict=False)]
+        proposed = np.concatenate([proposed, np.reshape(older, (len(older), count))], axis=1)
+        proposed = np.concatenate([proposed, np.log(count) + proposal.log_density(rows)[None]])
+        log_weights = value - np.asarray(logsumexp(proposed, axis=0)) + np.log(len(rows))
         if round_number and effective_sample_size(log_weights) >= enough:
             break
         proposal = _refitted(proposal, rows, log_weights)

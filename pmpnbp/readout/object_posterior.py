@@ -1,7 +1,7 @@
 """How sure can one be of the object, given the scan? Weighted draws of root pose and joint positions about a mode.
 
 The belief's own spread follows its diffusion and is no uncertainty (docs/algorithm.md, "Spread"). Here the whole object
-is rendered at every draw and scored as the estimate is, and the score counts as the log likelihood, times CONFIDENCE:
+is rendered at every draw and scored as the estimate is, and the score counts as the log likelihood, times `confidence`:
 a pixel's score 1 - (d/tau)^2 is a Gaussian's logarithm in the difference of depths d. Draws stay in the mode that they
 are asked about, but for joints whose place the scan does not tell, which go over their whole range. Joints that close a
 loop are left out. Nuisances that are not fixed are drawn with the rest, so that a depth scale which the scan does not
@@ -24,12 +24,13 @@ from pmpnbp.potentials.unary import object_scores
 from pmpnbp.readout.importance_sampling import Grid, LogDensity, Proposal, adaptive_importance, effective_sample_size
 from pmpnbp.scene.prior import GaussianPrior
 
-# Of a pixel's score, as a log likelihood. The sensor's noise alone would have it near 3 (tau 12 mm, sigma 5 mm); pixels
-# share their errors with their neighbours (steps of depth, the mesh), so each counts for a fraction of that. Set on
-# held-out scenes, docs/algorithm.md.
-CONFIDENCE = 0.5
-# Draws in each round: few at first, whose proposal is a guess; and how many have to count before no more are made.
-ROUNDS, ENOUGH = (64, *[128] * 12), 60.0
+# A pixel's score 1 - (d / tau)^2 counts as a Gaussian's logarithm with a standard deviation of FLOOR, metres, and so many
+# times the depths' own: pixels share their errors with their neighbours (steps of depth, outlines, the mesh), so that
+# each says less than its noise would have it. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
+FLOOR, SHARED = 0.0075, 2.2
+# Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate; rounds at
+# most; and how many draws have to count before no more are made.
+FIRST, LEAST, EACH, ROUNDS, ENOUGH = 64, 128, 16, 14, 60.0
 # Cells over a joint's range, and the least share of a uniform density in draws from them.
 CELLS, UNIFORM = 32, 0.1
 # A joint is drawn over its range where so much of its weight lies so many standard deviations from the mode.
@@ -72,7 +73,8 @@ def mode_draws(rng: np.random.Generator, problem: Problem, root: Array, joints: 
     grids = _grids(problem, root, joints, np.diag(information)[6 : 6 + model.dof] ** -0.5)
     lower, upper = _limits(problem, joints, len(free))
     first = Proposal(np.zeros(len(information)), covariance, lower, upper, grids)
-    drawn = adaptive_importance(rng, density, first, ROUNDS, ENOUGH)
+    counts = (FIRST, *[max(LEAST, EACH * len(information))] * (ROUNDS - 1))
+    drawn = adaptive_importance(rng, density, first, counts, ENOUGH)
     roots, q = _placed(problem, root, joints, drawn.rows)
     return ModeDraws(
         roots=roots,
@@ -139,13 +141,19 @@ def _nuisances(problem: Problem, free: NDArray[np.int64], offsets: Array) -> Arr
     return np.clip(moved, -0.9, 0.9)
 
 
+def confidence(problem: Problem) -> float:
+    """Nats that a pixel's score counts, at the tolerance that annealing ends at."""
+    variance = FLOOR**2 + (SHARED * float(problem.noise.max(initial=0.0))) ** 2
+    return float(problem.tolerance_end**2 / (2 * variance))
+
+
 def log_posterior(problem: Problem, roots: Array, joints: Array, nuisances: Array | None = None) -> Array:
     """(C,) up to a constant, of root poses (C, 7) and joint vectors (C, D), under nuisances (C, K) or the problem's."""
     part_poses = problem.mrf.model.part_poses(roots, joints)
     # also where the inference scores by eq. 10, whose sum of distances is no logarithm of a likelihood
     scoring = replace(problem.score(problem.tolerance_end), form="robust")
     nuisances = problem.nuisances if nuisances is None else nuisances
-    score = CONFIDENCE * object_scores(problem.observation, problem.surfaces, part_poses, scoring, nuisances)
+    score = confidence(problem) * object_scores(problem.observation, problem.surfaces, part_poses, scoring, nuisances)
     if nuisances is not None:
         score = score + problem.log_nuisance_prior(nuisances)
     return problem.plus_prior(score, part_poses[:, problem.prior_node], always=True)
@@ -204,7 +212,7 @@ def _information(
 ) -> Array:
     """(6 + D + F, 6 + D + F), the inverse of the Gaussian's covariance that has the curvature of the score and roughly
     the priors; where neither tells anything it is `loose`, metres and radians."""
-    information = 2 * CONFIDENCE * curvature(problem, root, joints, tolerance, free)
+    information = 2 * confidence(problem) * curvature(problem, root, joints, tolerance, free)
     information += np.diag(np.concatenate([np.full(6 + len(joints), loose), problem.nuisance_std[free]]) ** -2.0)
     if isinstance(problem.prior, GaussianPrior):
         known = np.concatenate([problem.prior.std_xyz, problem.prior.std_rpy])

@@ -73,6 +73,21 @@ def to_result(found: Estimate, truth: Mapping[str, Any] | None = None) -> dict[s
     return result if truth is None else result | {"truth": dict(truth)}
 
 
+def verdict(result: Mapping[str, Any]) -> str:
+    """One line about a result: was the object found, and what of it is certain?"""
+    if result["fit"] is None:
+        return "No verdict: the search had not ended"
+    if result["fit"] != "good":
+        return f"{'Doubtful' if result['fit'] == 'doubtful' else 'Not found'}: {result['fit_reason']}"
+    links = result["links"]
+    unsure = [name for name, link in links.items() if not link["certain"]]
+    if not unsure:
+        return f"Found: {result['fit_reason']}; all {len(links)} links are certain"
+    named = ", ".join(unsure[:3]) + (" and others" if len(unsure) > 3 else "")
+    certain = f"{len(links) - len(unsure)} of {len(links)} links are certain"
+    return f"Found: {result['fit_reason']}; {certain}, not {named}"
+
+
 def pose_members(pose: Array) -> dict[str, dict[str, float]]:
     """A pose (7,) as JSON has it; the scalar part of its quaternion is not negative, so that equal poses look equal."""
     x, y, z, qw, qx, qy, qz = (pose if pose[3] >= 0 else np.concatenate([pose[:3], -pose[3:]])).tolist()

@@ -60,32 +60,72 @@ def checked(result: dict[str, Any], method: str = "pmpnbp") -> None:
         "certain",
         "max_std",
         "seconds",
+        "fit",
+        "fit_reason",
+        "explained",
+        "effective_draws",
+        "posterior_iteration",
         "links",
         "joints",
+        "alternatives",
         "depth_noise",
         "nuisances",
     ]
-    assert (result["schema"], result["model"], result["method"]) == ("pmpnbp/estimate-1", "cabinet", method)
+    assert (result["schema"], result["model"], result["method"]) == ("pmpnbp/estimate-2", "cabinet", method)
     assert set(result["links"]) == {"frame"} | {f"{what}{k}" for what in ("drawer", "handle") for k in (1, 2, 3)}
+    told = result["fit"] is not None
+    assert told == (result["posterior_iteration"] is not None) == (result["effective_draws"] is not None)
+    if told:
+        assert result["fit"] in ("good", "doubtful", "none") and 0 <= result["explained"] <= 1
+        assert "of" in result["fit_reason"]
+        assert sum(other["weight"] for other in result["alternatives"]) == pytest.approx(1.0)
     for link in result["links"].values():
-        assert list(link) == ["pose", "covariance", "std_xyz", "certain", "visible_fraction", "log_likelihood", "modes"]
+        assert list(link) == [
+            "pose",
+            "covariance",
+            "std_xyz",
+            "expected_add",
+            "certain",
+            "visible_fraction",
+            "log_likelihood",
+            "modes",
+            "particle_std_xyz",
+            "particle_modes",
+        ]
         checked_pose(link["pose"])
-        checked_covariance(link["covariance"])
-        assert link["certain"] == (max(link["std_xyz"]) <= result["max_std"])
+        assert told == (link["covariance"] is not None) == (link["std_xyz"] is not None)
+        if told:
+            checked_covariance(link["covariance"])
+            within = max(*link["std_xyz"], link["expected_add"]) <= result["max_std"]
+            assert within or not link["certain"]
+            assert (
+                link["certain"]
+                or result["fit"] != "good"
+                or result["effective_draws"] < 20
+                or not within
+                or (len(link["modes"]) > 1)
+            )
+            assert sum(mode["weight"] for mode in link["modes"]) == pytest.approx(1.0)
+        else:
+            assert not link["certain"] and link["modes"] == [] and link["expected_add"] is None
         assert 0 <= link["visible_fraction"] <= 1
-        assert 1 <= len(link["modes"]) <= 5
-        assert sum(mode["weight"] for mode in link["modes"]) <= 1 + 1e-9
-        for mode in link["modes"]:
+        assert 1 <= len(link["particle_modes"]) <= 5
+        assert sum(mode["weight"] for mode in link["particle_modes"]) <= 1 + 1e-9
+        assert len(link["particle_std_xyz"]) == 3
+        for mode in link["modes"] + link["particle_modes"]:
             assert list(mode) == ["weight", "pose", "covariance"]
             checked_pose(mode["pose"])
             checked_covariance(mode["covariance"])
     assert result["certain"] == all(link["certain"] for link in result["links"].values())
     assert list(result["joints"]) == ["slide1", "slide2", "slide3"]
     for k, joint in enumerate(result["joints"].values(), 1):
-        assert list(joint) == ["type", "position", "std", "lower", "upper", "parent", "child"]
+        assert list(joint) == ["type", "position", "std", "interval", "lower", "upper", "parent", "child"]
         assert (joint["type"], joint["parent"], joint["child"]) == ("prismatic", "frame", f"drawer{k}")
         assert joint["lower"] <= joint["position"] <= joint["upper"]
-        assert joint["std"] >= 0
+        assert told == (joint["std"] is not None) == (joint["interval"] is not None)
+        if told:
+            low, high = joint["interval"]
+            assert joint["std"] >= 0 and joint["lower"] - 1e-9 <= low <= high <= joint["upper"] + 1e-9
 
 
 def test_the_open_cabinet_is_found(tmp_path: Path, capsys: Capture) -> None:
@@ -100,6 +140,8 @@ def test_the_open_cabinet_is_found(tmp_path: Path, capsys: Capture) -> None:
     errors = result.pop("truth")
     checked(result)
     assert result["converged"] and result["iteration"] < 100
+    assert (result["fit"], result["certain"], result["posterior_iteration"]) == ("good", True, result["iteration"])
+    assert "Found: the scan confirms" in printed.err and "all 7 links are certain" in printed.err
     assert list(errors["parts"]) == ["frame", "drawer1", "drawer2", "drawer3"]
     assert max(error["add"] for error in errors["parts"].values()) < 0.01
     assert max(error["add_s"] for error in errors["parts"].values()) < 0.01
@@ -175,7 +217,7 @@ def test_no_iterations_give_the_start(capsys: Capture) -> None:
     assert main(["estimate", *SCAN, "--iterations", "0", "--particles", "40", "--quiet"]) == 0
     result = json.loads(capsys.readouterr().out)
     checked(result)
-    assert (result["iteration"], result["converged"]) == (0, False)
+    assert (result["iteration"], result["converged"], result["fit"]) == (0, False, None)
 
 
 def test_interrupted_it_still_writes_what_it_found(tmp_path: Path) -> None:

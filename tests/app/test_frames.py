@@ -38,6 +38,8 @@ def test_each_layer_draws_its_own() -> None:
         "axes": {"axes"},
         "estimate": {"estimate"},
         "ellipsoids": {"ellipsoids"},
+        "draws": {"draws"},
+        "particle_ellipsoids": {"particle_ellipsoids"},
         "truth": {"truth"},
         "planes": {"planes"},
         "region": {"region"},
@@ -54,7 +56,9 @@ def test_each_layer_draws_its_own() -> None:
     }
     for layer, expected in alone.items():
         assert tops(drawn(only(layer, **chosen))) == expected, layer
-    assert tops(drawn(ViewState())) == {"scan", "camera", "particles", "estimate", "ellipsoids"}
+    assert tops(drawn(ViewState())) == {"scan", "camera", "particles", "estimate", "ellipsoids", "draws"}
+    # the iteration before has no posterior, of which these tell
+    assert tops(drawn(only("ellipsoids", "draws", "particle_ellipsoids"), -2)) == {"particle_ellipsoids"}
 
 
 def test_what_is_not_there_is_not_drawn() -> None:
@@ -170,8 +174,32 @@ def test_ellipsoids_are_one_batch_about_the_estimate() -> None:
     np.testing.assert_allclose(near.centres, estimated(whole.snapshots[-1])[:, :3], atol=1e-6)
     np.testing.assert_allclose(far.radii / near.radii, radius_scale(0.95) / radius_scale(0.5), rtol=1e-4)
     assert [tuple(colour) for colour in near.colours] == [rgb(colour) for colour in PART_COLOURS[:4]]
+    spread = whole.snapshots[-1].placed.spread
+    assert spread is not None
+    first = [whole.stage.model.links.index(part.links[0]) for part in whole.stage.model.parts]
+    expected = ellipsoids(spread.covariances[first, :3, :3], 0.5)[1]
+    np.testing.assert_allclose(near.radii, expected, rtol=1e-5)
     flat, radii = ellipsoids(np.zeros((2, 3, 3)), 0.75)
     assert np.isfinite(flat).all() and (radii > 0).all()
+
+
+def test_draws_are_outlines_of_uncertain_parts_where_the_posterior_has_them() -> None:
+    """With a limit that nothing is within, of all parts; with one that all are within, of none."""
+    whole = scene()
+    newest = whole.snapshots[-1]
+    unsure, sure = (
+        frame(replace(newest, criteria=replace(newest.criteria, max_std=limit)), only("draws"), whole.stage)
+        for limit in (1e-9, 10.0)
+    )
+    assert not [node for node in sure.nodes if node.name.startswith("/draws")] or newest.placed.posterior.told is False
+    posterior = newest.placed.posterior
+    assert posterior is not None
+    poses_of = whole.stage.model.part_poses(posterior.drawn_roots, posterior.drawn_joints)
+    lines = [node for node in unsure.nodes if node.name.startswith("/draws/2/")]
+    assert len(lines) == 8
+    for line in lines:
+        assert isinstance(line, Lines)
+        assert np.abs(poses_of[:, 2] - line.pose).sum(axis=1).min() < 1e-12
 
 
 def test_the_axes_are_the_heaviest_particles() -> None:
@@ -287,7 +315,7 @@ def test_the_selected_particle_is_marked() -> None:
 
 def test_another_iteration_lies_over_it_in_grey() -> None:
     whole = scene()
-    other = whole.snapshots[1]
+    other = whole.snapshots[3].read_out
     found = frame(whole.snapshots[-1], only("estimate", "ellipsoids"), whole.stage, compared=(other, whole.stage))
     for number, pose in enumerate(estimated(other)):
         ghost, own = (shown(Surface, found, f"/{name}/{number}") for name in ("compare", "estimate"))

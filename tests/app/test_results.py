@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from app import cli
-from app.schemas_results import BeliefParticles, Decision, Estimate, MessageParticles, Trace
+from app.schemas_results import BeliefParticles, Decision, Estimate, MessageParticles, Trace, TraceRow
 from pmpnbp.geometry import poses
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout import particle_statistics
@@ -99,7 +99,7 @@ def test_an_estimate_is_what_its_description_says(client: httpx.Client, path: st
     Estimate.model_validate_json(answer.content)
     found = answer.json()
     assert found["session_id"] == path.rpartition("/")[2] and found["state"] == "paused"
-    assert list(found["links"]) == LINKS and found["schema"] == "pmpnbp/estimate-1"
+    assert list(found["links"]) == LINKS and found["schema"] == "pmpnbp/estimate-2"
 
 
 def test_an_older_estimate_is_told_as_it_was_when_it_was_new(client: httpx.Client) -> None:
@@ -121,8 +121,9 @@ def test_wait_answers_when_it_is_so(client: httpx.Client) -> None:
     assert found["converged"]
     found = client.get(f"{path}/estimate?wait=idle&timeout=600").json()
     assert found["state"] == "paused" and found["converged"]
-    # nothing iterates: it will never be certain, and nobody waits for it
-    assert not client.get(f"{path}/estimate?wait=certain&timeout=600").json()["certain"]
+    # nothing iterates: what it is not yet it will never be, and nobody waits for it
+    certain = found["certain"]
+    assert client.get(f"{path}/estimate?wait=certain&timeout=600").json()["certain"] == certain
 
 
 def test_wait_ends_with_its_time_or_with_a_pause(served: Any, client: httpx.Client) -> None:
@@ -138,7 +139,7 @@ def test_wait_ends_with_its_time_or_with_a_pause(served: Any, client: httpx.Clie
 
 
 def test_a_belief_is_what_the_estimate_is_read_from(client: httpx.Client, path: str) -> None:
-    """The covariance of the estimate follows from the particles and weights."""
+    """The particles' spread in the estimate follows from the particles and weights."""
     estimate = client.get(f"{path}/estimate").json()
     for link in LINKS:
         answer = client.get(f"{path}/beliefs/{link}")
@@ -151,11 +152,8 @@ def test_a_belief_is_what_the_estimate_is_read_from(client: httpx.Client, path: 
         assert particles.shape == (40, 7) and weights.sum() == pytest.approx(1)
         pose = estimate["links"][link]["pose"]
         middle = np.array([*(pose["position"][n] for n in "xyz"), *(pose["orientation"][n] for n in "wxyz")])
-        np.testing.assert_allclose(
-            particle_statistics.covariance(middle, particles, weights).reshape(-1),
-            estimate["links"][link]["covariance"],
-            atol=1e-12,
-        )
+        spread = particle_statistics.std_xyz(particle_statistics.covariance(middle, particles, weights))
+        np.testing.assert_allclose(spread, estimate["links"][link]["particle_std_xyz"], atol=1e-9)
 
 
 @pytest.mark.parametrize("place", ["beliefs/handle1", "messages/frame/handle1"])
@@ -217,7 +215,9 @@ def test_the_trace_tells_each_iteration(client: httpx.Client, path: str) -> None
     assert [row["stage"] for row in rows][:4] == ["start", "search", "search", "belief propagation"]
     assert rows[0]["log_likelihood"] is None  # the start has none; NaN would be no JSON
     estimate = client.get(f"{path}/estimate").json()
-    assert rows[6]["std_xyz"] == {link: estimate["links"][link]["std_xyz"] for link in LINKS}
+    assert rows[6]["particle_std_xyz"] == {link: estimate["links"][link]["particle_std_xyz"] for link in LINKS}
+    # not at rest: there is no posterior yet
+    assert [rows[6][name] for name in ("std_xyz", "fit", "posterior_iteration", "certain")] == [None, None, None, False]
     assert rows[6]["add"] == {name: part["add"] for name, part in estimate["truth"]["parts"].items()}
     assert set(rows[6]["effective_sample_size"]) == set(rows[6]["add"])
     assert [row["elapsed"] for row in rows] == sorted(row["elapsed"] for row in rows)
@@ -236,19 +236,89 @@ def test_the_trace_tells_each_iteration(client: httpx.Client, path: str) -> None
         assert found == [rows[iteration] for iteration in iterations], asked
 
 
-def test_the_decision_is_to_act_where_all_asked_links_are_certain(client: httpx.Client, path: str) -> None:
-    links = client.get(f"{path}/estimate").json()["links"]
-    worst = {name: max(link["std_xyz"]) for name, link in links.items()}
+@pytest.fixture(scope="module")
+def rested(client: httpx.Client) -> str:
+    """A session at rest, whose settings are those of a user: its estimate is one to act on."""
+    path = small.create(client, config={"search_iterations": 4, "search_proposals": 1500, "search_islands": 10})
+    client.post(f"{path}/run", json={"iterations": 100, "until": "converged"})
+    found = small.at_rest(client, path)
+    assert found["converged"] and found["fit"] == "good", found
+    return path
+
+
+def test_at_rest_the_estimate_tells_the_posterior_and_the_row_the_same(client: httpx.Client, rested: str) -> None:
+    answer = client.get(f"{rested}/estimate")
+    Estimate.model_validate_json(answer.content)
+    found, state = answer.json(), client.get(rested).json()
+    (*_, row) = client.get(f"{rested}/trace").json()["iterations"]
+    TraceRow.model_validate(row)
+    assert (found["fit"], found["fit_reason"]) == (row["fit"], row["fit_reason"]) == (state["fit"], state["fit_reason"])
+    assert found["posterior_iteration"] == row["posterior_iteration"] == row["iteration"]
+    assert row["std_xyz"] == {link: found["links"][link]["std_xyz"] for link in LINKS}
+    assert found["certain"] == row["certain"] == state["certain"]
+    for joint in found["joints"].values():
+        low, high = joint["interval"]
+        assert joint["lower"] <= low <= joint["position"] + 3 * joint["std"] and high <= joint["upper"]
+
+
+def test_the_posterior_stays_while_the_estimate_does(client: httpx.Client, rested: str) -> None:
+    """Iterations at rest are told with the one that was read out first; also when they are looked at again."""
+    first = client.get(f"{rested}/estimate").json()
+    small.step(client, rested, 2)
+    after = client.get(f"{rested}/estimate").json()
+    assert after["iteration"] == first["iteration"] + 2 and after["converged"]
+    rows = client.get(f"{rested}/trace").json()["iterations"]
+    told = rows[-1]["posterior_iteration"]
+    assert told is not None and told <= after["iteration"] and after["posterior_iteration"] == told
+    again = client.get(f"{rested}/estimate?iteration={after['iteration'] - 1}").json()
+    assert again["posterior_iteration"] == rows[-2]["posterior_iteration"]
+    assert rows[-2]["std_xyz"] == {link: again["links"][link]["std_xyz"] for link in LINKS}
+
+
+def test_a_posterior_is_read_out_where_it_is_asked_for(client: httpx.Client, path: str) -> None:
+    plain = client.get(f"{path}/estimate").json()
+    asked = client.get(f"{path}/estimate?posterior=true").json()
+    assert plain["fit"] is None and asked["fit"] is not None and asked["posterior_iteration"] == 6
+    assert all(len(link["std_xyz"]) == 3 for link in asked["links"].values())
+    assert asked == client.get(f"{path}/estimate?posterior=true").json()
+    searching = client.get(f"{path}/estimate?iteration=1&posterior=true").json()
+    assert searching["fit"] is None and searching["links"]["frame"]["std_xyz"] is None
+
+
+def test_the_decision_is_to_act_where_all_asked_links_are_certain(client: httpx.Client, rested: str) -> None:
+    links = client.get(f"{rested}/estimate").json()["links"]
+    worst = {name: max(*link["std_xyz"], link["expected_add"]) for name, link in links.items()}
     ordered = sorted(worst, key=lambda name: worst[name])
     limit = worst[ordered[3]]
-    found = client.get(f"{path}/decision?max_std={limit}").json()
+    found = client.get(f"{rested}/decision?max_std={limit}").json()
     Decision.model_validate(found)
     assert (found["action"], found["certain"], found["views"]) == ("look", False, [])
     assert set(found["blocking"]) == {name for name in worst if worst[name] > limit} != set()
+    assert found["reason"].startswith(found["blocking"][0]) and "may be off by more than" in found["reason"]
     asked = ",".join(ordered[:2])
-    found = client.get(f"{path}/decision?links={asked}&max_std={limit}").json()
+    found = client.get(f"{rested}/decision?links={asked}&max_std={limit}").json()
     assert (found["action"], found["certain"], found["blocking"], found["links"]) == ("act", True, [], ordered[:2])
-    assert client.get(f"{path}/decision").json()["max_std"] == 0.0025
+    assert "the scan confirms" in found["reason"]
+    assert client.get(f"{rested}/decision").json()["max_std"] == 0.0025
+
+
+def test_during_the_search_the_decision_is_to_look(client: httpx.Client) -> None:
+    path = small.after(client, 1)
+    found = client.get(f"{path}/decision?max_std=1000").json()
+    Decision.model_validate(found)
+    assert (found["action"], found["certain"]) == ("look", False) and "is of the search" in found["reason"]
+
+
+def test_where_the_object_is_not_the_decision_says_so(client: httpx.Client) -> None:
+    """The region holds a corner of the cabinet: what is laid onto it is not the object."""
+    x0, y0, z0, x1, y1, _ = small.ROI
+    path = small.create(client, roi=[x0, y0, z0, x1, (y0 + y1) / 2 - 0.1, z0 + 0.25])
+    client.post(f"{path}/run", json={"iterations": 40, "until": "converged"})
+    small.at_rest(client, path)
+    told = client.get(f"{path}/estimate?posterior=true").json()
+    assert told["fit"] != "good" and not told["certain"]
+    found = client.get(f"{path}/decision?max_std=1000").json()
+    assert (found["action"], found["reason"]) == ("no_fit", told["fit_reason"])
 
 
 def test_the_recording_is_one_file_also_while_it_is_written(client: httpx.Client, tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def change(**members: Any) -> ViewState:
     return ViewState.model_validate(members)
 
 
-def test_a_new_view_shows_the_newest_with_five_layers() -> None:
+def test_a_new_view_shows_the_newest_with_six_layers() -> None:
     state = ViewState()
     assert {layer for layer in LAYERS if getattr(state.show, layer)} == {
         "scan",
@@ -53,6 +53,7 @@ def test_a_new_view_shows_the_newest_with_five_layers() -> None:
         "particles",
         "estimate",
         "ellipsoids",
+        "draws",
     }
     assert state.iteration is None and state.confidence == 0.75 and state.theme == "light"
 

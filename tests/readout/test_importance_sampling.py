@@ -1,4 +1,4 @@
-"""Adaptive importance sampling: its weighted draws are of the density, and its integral is right, whatever it began from.
+"""Adaptive importance sampling: weighted draws are of the density, and its integral is right, from any start.
 
 False-alarm rates: many sets of draws with seeds of their own are made, and the mean over them of a moment is compared
 with the exact one in standard errors of that mean, of which five are tolerated: by Student's distribution with 39

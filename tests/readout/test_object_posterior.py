@@ -13,7 +13,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores
-from pmpnbp.readout.object_posterior import CONFIDENCE, ModeDraws, mode_draws
+from pmpnbp.readout.object_posterior import ModeDraws, confidence, mode_draws
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from tests.inference import small_worlds as worlds
@@ -52,7 +52,9 @@ def test_a_joint_s_posterior_is_that_on_a_grid(name: str) -> None:
     slide = np.linspace(0.0, 0.25, 2001)
     tried = np.tile(JOINTS, (len(slide), 1))
     tried[:, SLIDE] = slide
-    log = CONFIDENCE * configuration_scores(made, np.tile(ROOT, (len(slide), 1)), tried, made.settings.tolerance_end)
+    log = confidence(made) * configuration_scores(
+        made, np.tile(ROOT, (len(slide), 1)), tried, made.settings.tolerance_end
+    )
     weights = np.exp(log - log.max())
     weights /= weights.sum()
     mean = weights @ slide

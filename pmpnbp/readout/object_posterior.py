@@ -24,9 +24,9 @@ from pmpnbp.potentials.unary import object_scores
 from pmpnbp.readout.importance_sampling import Grid, LogDensity, Proposal, adaptive_importance, effective_sample_size
 from pmpnbp.scene.prior import GaussianPrior
 
-# A pixel's score 1 - (d / tau)^2 counts as a Gaussian's logarithm with a standard deviation of FLOOR, metres, and so many
-# times the depths' own: pixels share their errors with their neighbours (steps of depth, outlines, the mesh), so that
-# each says less than its noise would have it. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
+# A pixel's score 1 - (d / tau)^2 counts as a Gaussian's logarithm with a standard deviation of FLOOR, metres, and so
+# many times the depths' own: pixels share their errors with their neighbours (steps of depth, outlines, the mesh), so
+# that each says less than its noise would have it. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
 FLOOR, SHARED = 0.0075, 2.2
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate; rounds at
 # most; and how many draws have to count before no more are made.

@@ -2,8 +2,10 @@
 
 The estimate is one mode. Others are the places that the search compared last, brought to their best, where their score
 comes near the estimate's: a cabinet turned by half, a look-alike beside it, a wrist the other way round. A mode weighs
-as much as the posterior's integral over it (its evidence), not as its best score: a broad mode holds more than a narrow
-one of the same height.
+as much as the posterior's integral over the root's poses (its evidence), not as its best score: a broad mode holds more
+than a narrow one of the same height. The room that joints have in a mode is divided out. Else a closed cabinet would
+rather be seen from behind: there each drawer may be anywhere within its range, where in front it is shut to a
+millimetre, and so much more would such a place weigh for every drawer, though nothing was seen of it.
 """
 
 from __future__ import annotations
@@ -34,6 +36,8 @@ POLISH_ROUNDS = 6
 # Two places are one mode where every part's middle and rim are nearer than this, metres, or than so many of its
 # standard deviations.
 SAME, DEVIATIONS = 0.01, 4.0
+# Metres and radians: no joint is taken for better known than this where modes are weighed.
+SHUT = 1e-4
 # Effective draws below which the posterior says too little to be certain by.
 FEWEST_DRAWS = 20.0
 # Draws that an expected distance is averaged over.
@@ -235,9 +239,17 @@ def _part_motions(problem: Problem, root: Array, joints: Array, roots: Array, ot
     return np.linalg.norm(middle, axis=-1) + mrf.radii * turned
 
 
+def _log_room(draws: ModeDraws) -> float:
+    """Logarithm of the volume that a mode's joint positions fill, up to what is the same for all modes."""
+    weights = np.exp(draws.log_weights)
+    gap = draws.joints - weights @ draws.joints
+    spread = np.einsum("k,ki,kj->ij", weights, gap, gap) + SHUT**2 * np.eye(gap.shape[1])
+    return float(np.linalg.slogdet(spread)[1] / 2)
+
+
 def _mixture(iteration: int, places: list[tuple[Array, Array]], drawn: list[ModeDraws], fit: Fit) -> Posterior:
     """All modes' draws, each weighed by its mode's evidence."""
-    evidence = np.array([draws.log_evidence for draws in drawn])
+    evidence = np.array([draws.log_evidence - _log_room(draws) for draws in drawn])
     if not np.isfinite(evidence).any():
         evidence = np.zeros(len(drawn))
     log_weights = evidence - logsumexp(evidence)

@@ -52,9 +52,8 @@ def test_a_joint_s_posterior_is_that_on_a_grid(name: str) -> None:
     slide = np.linspace(0.0, 0.25, 2001)
     tried = np.tile(JOINTS, (len(slide), 1))
     tried[:, SLIDE] = slide
-    log = confidence(made) * configuration_scores(
-        made, np.tile(ROOT, (len(slide), 1)), tried, made.settings.tolerance_end
-    )
+    score = configuration_scores(made, np.tile(ROOT, (len(slide), 1)), tried, made.settings.tolerance_end)
+    log = confidence(made) * score
     weights = np.exp(log - log.max())
     weights /= weights.sum()
     mean = weights @ slide

@@ -1,0 +1,130 @@
+"""The mixture of modes: a box that looks the same from front and back, and what is made of its draws."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference import problem as problems
+from pmpnbp.inference import run
+from pmpnbp.inference.belief import IterationReport
+from pmpnbp.inference.problem import Problem
+from pmpnbp.readout.particle_statistics import covariance
+from pmpnbp.readout.posterior import FEWEST_DRAWS, Posterior, at_rest, of_estimate, read_out, spread
+from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
+from pmpnbp.scene.prior import UniformPrior
+from tests.inference import small_worlds as worlds
+from tests.inference.small_worlds import X, articulated, at, block
+
+ROOT, SHUT = at(1.4, 0.1, 0.0, yaw=np.pi - 0.35), np.array([0.0])
+TURNED = poses.multiply(ROOT, at(yaw=np.pi))
+
+
+def twin() -> ArticulatedObject:
+    """A box with a drawer that cannot be seen while it is shut: turned by half it looks the same."""
+    slide = Joint("slide", "prismatic", "link0", "link1", at(0.148, 0.0, 0.2), X, 0.0, 0.25, (0,))
+    return articulated([slide], {"link0": block([0.3, 0.4, 0.4], at(z=0.2)), "link1": block([0.2, 0.3, 0.2], at(-0.1))})
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    model = twin()
+    observation = worlds.seen(model, ROOT, SHUT)
+    return problems.build(model, observation, UniformPrior("upright"), worlds.settings(), particles=20, seed=5)
+
+
+def report(problem: Problem, *rivals: Array, root: Array = ROOT, iteration: int = 12) -> IterationReport:
+    """An iteration whose estimate is at `root`, the drawer shut, and the search's rivals (7,), shut too."""
+    _, made = run.begin(problem)
+    kept = np.array([np.concatenate([one, SHUT]) for one in rivals]) if rivals else None
+    return replace(
+        made,
+        iteration=iteration,
+        stage="belief propagation",
+        map_poses=problem.mrf.part_poses(root, SHUT),
+        map_joints=SHUT,
+        rivals=kept,
+    )
+
+
+def test_two_places_that_look_the_same_are_two_modes_of_about_one_weight(problem: Problem) -> None:
+    """From behind the drawer may be anywhere, from the front it is shut: that room is not what weighs."""
+    for seed in range(3):
+        found = of_estimate(replace(problem, seed=seed), report(problem, ROOT, TURNED))
+        assert len(found.modes) == 2
+        assert 0.3 < found.modes[0].weight < 0.7 and sum(mode.weight for mode in found.modes) == pytest.approx(1.0)
+        turns = [poses.rotation_angle(mode.root[3:], ROOT[3:]) for mode in found.modes]
+        assert min(turns) < 0.1 and max(turns) > 3.0
+        slides = [found.drawn_joints[found.mode == k, 0] for k in np.argsort(turns)]
+        shares = [np.exp(found.log_weights[found.mode == k]) for k in np.argsort(turns)]
+        means = [share @ slide / share.sum() for slide, share in zip(slides, shares, strict=True)]
+        assert means[0] < 0.01 and 0.05 < means[1] < 0.2
+
+
+def test_nobody_is_certain_of_which_of_two_it_is(problem: Problem) -> None:
+    both = of_estimate(problem, report(problem, TURNED))
+    alone = of_estimate(problem, report(problem))
+    assert not spread(problem, both, ROOT, SHUT).certain(both, 0.02).any()
+    assert spread(problem, alone, ROOT, SHUT).certain(alone, 0.02).all()
+
+
+def test_rivals_that_are_the_estimate_or_far_worse_are_no_modes(problem: Problem) -> None:
+    near = poses.multiply(ROOT, at(0.004, 0.003))
+    elsewhere = at(1.0, 0.8, 0.0)
+    found = of_estimate(problem, report(problem, near, ROOT, elsewhere))
+    assert len(found.modes) == 1 and found.modes[0].weight == 1.0
+    assert np.all(found.mode == 0) and np.exp(found.log_weights).sum() == pytest.approx(1.0)
+
+
+def test_a_spread_is_that_of_the_draws_about_the_estimate(problem: Problem) -> None:
+    found = of_estimate(problem, report(problem, TURNED))
+    told = spread(problem, found, ROOT, SHUT)
+    model, weights = problem.mrf.model, np.exp(found.log_weights)
+    drawn = zip(found.drawn_roots, found.drawn_joints, strict=True)
+    placed = np.array([model.link_poses(model.part_poses(root, q), q) for root, q in drawn])
+    here = model.link_poses(model.part_poses(ROOT, SHUT), SHUT)
+    for row in range(len(here)):
+        np.testing.assert_allclose(told.covariances[row], covariance(here[row], placed[:, row], weights), atol=1e-12)
+    assert told.joint_stds[0] == pytest.approx(np.sqrt(weights @ found.drawn_joints[:, 0] ** 2))
+    low, high = told.joint_intervals[:, 0]
+    inside = weights[(found.drawn_joints[:, 0] >= low) & (found.drawn_joints[:, 0] <= high)].sum()
+    assert 0.88 < inside < 0.95 and low >= 0
+    # half of the weight is turned by half about the middle of the root's surface: that moves it by its half width
+    assert 0.05 < told.expected_add[0] < 0.4
+    assert told.moved[0].max() < 1e-6 or told.moved[1].max() < 1e-6
+
+
+def test_draws_are_taken_as_often_as_they_weigh(problem: Problem) -> None:
+    found = of_estimate(problem, report(problem, TURNED))
+    chosen = found.even_draws(1000)
+    expected = 1000 * np.exp(found.log_weights)
+    assert np.abs(np.bincount(chosen, minlength=len(expected)) - expected).max() <= 1
+
+
+def test_the_search_has_no_posterior_and_rest_keeps_its_first_one(problem: Problem) -> None:
+    assert read_out(problem, replace(report(problem), stage="search")) is None
+    first = at_rest(problem, report(problem), None)
+    assert isinstance(first, Posterior) and first.iteration == 12
+    still = report(problem, root=poses.multiply(ROOT, at(0.0005)), iteration=13)
+    assert at_rest(problem, still, first) is first
+    gone = report(problem, root=poses.multiply(ROOT, at(0.005)), iteration=14)
+    again = at_rest(problem, gone, first)
+    assert again is not None and again.iteration == 14
+
+
+def test_the_same_report_gives_the_same_posterior(problem: Problem) -> None:
+    once, again = (of_estimate(problem, report(problem, TURNED)) for _ in range(2))
+    for name in ("drawn_roots", "drawn_joints", "log_weights", "mode"):
+        np.testing.assert_array_equal(getattr(once, name), getattr(again, name))
+    assert [mode.weight for mode in once.modes] == [mode.weight for mode in again.modes]
+
+
+def test_too_few_draws_that_count_or_a_bad_fit_are_nothing_to_build_on(problem: Problem) -> None:
+    found = of_estimate(problem, report(problem))
+    assert found.told and found.effective_sample_size > FEWEST_DRAWS
+    assert not replace(found, effective_sample_size=FEWEST_DRAWS / 2).told
+    assert not replace(found, fit=replace(found.fit, verdict="doubtful")).told

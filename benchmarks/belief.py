@@ -42,6 +42,8 @@ WRONG, TURNED, LONG = 0.01, np.deg2rad(2.0), 0.10
 DEVIATIONS = 5.0
 # The nuisances' priors for families in which something is wrong that no pixel can average out.
 STATED = {"bias": {"depth_scale_std": 0.01}, "dimensions": {"size_std": 0.02}}
+# Families in which the object is there more than once, so that another is found where one is taken away.
+TWINNED = ("look_alikes",)
 # Families whose objects are not mistaken for one another.
 KINDS = (
     ("open_laptop", "shut_laptop", "tent"),
@@ -123,6 +125,8 @@ def _scenes(arguments: argparse.Namespace, seed: int, parent: Path, chosen: Sett
         if others:
             other = others[seed % len(others)]
             yield WRONG_MODEL, f"{case.name} as {other}", _as_model(case, other, seed, parent, chosen), prior, chosen
+        if family in TWINNED:
+            continue
         try:
             empty = hard.load_absent(family, seed, parent, chosen, case.observation.roi)
         except ScanError:

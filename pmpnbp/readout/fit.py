@@ -30,7 +30,10 @@ Verdict = Literal["good", "doubtful", "none"]
 NOTHING, GOOD = 0.35, 0.62
 # Share of the object that something in front hides, above which the rest says too little; and from which on surfaces
 # that touch it and go on make it doubtful, if they have this share of its confirmed pixels. So many make it anyway.
-HIDDEN, PARTLY_HIDDEN, TOUCHING, MUCH_TOUCHING = 0.6, 0.08, 0.04, 0.5
+HIDDEN, PARTLY_HIDDEN, TOUCHING, MUCH_TOUCHING = 0.6, 0.08, 0.04, 0.25
+# Confirmed pixels, weighed as the score is, that are too few: a corner of anything is found by chance; and the same of
+# an object of which this share is hidden.
+FEW, HALF_HIDDEN, FEW_IF_HIDDEN = 60.0, 0.3, 150.0
 # A part is missed where less than this share of its pixels confirms it, of so many that can be seen, and of this share
 # of its own.
 MISSED, FEWEST_PIXELS, IN_SIGHT = 0.25, 20, 0.3
@@ -79,20 +82,22 @@ def assess(problem: Problem, root: Array, joints: Array) -> Fit:
     names = [part.name for part in problem.mrf.model.parts]
     seen = (own[1] >= FEWEST_PIXELS) & (own[1] >= IN_SIGHT * own[0])
     missed = tuple(names[node] for node in np.flatnonzero(seen & (own[2] < MISSED * own[1])))
-    verdict, reason = _judged(explained, hidden / max(covered, 1), touching, confirmed, missed)
+    verdict, reason = _judged(explained, float(score), hidden / max(covered, 1), touching, confirmed, missed)
     return Fit(verdict=verdict, reason=reason, explained=explained, missed=missed)
 
 
 def _judged(
-    explained: float, hidden: float, touching: int, confirmed: int, missed: Sequence[str]
+    explained: float, score: float, hidden: float, touching: int, confirmed: int, missed: Sequence[str]
 ) -> tuple[Verdict, str]:
     share = f"the scan confirms {100 * explained:.0f} % of what should be seen"
     if explained < NOTHING:
         return "none", share
     if explained < GOOD:
         return "doubtful", share
-    if hidden > HIDDEN:
+    if hidden > HIDDEN or (hidden > HALF_HIDDEN and score < FEW_IF_HIDDEN):
         return "doubtful", f"something in front hides {100 * hidden:.0f} % of the object"
+    if score < FEW:
+        return "doubtful", f"{share}, but that is {confirmed} pixels"
     stray = touching / max(confirmed, 1)
     if stray > MUCH_TOUCHING or (stray > TOUCHING and hidden > PARTLY_HIDDEN):
         return "doubtful", f"{share}, but {touching:,} pixels of the surfaces it lies on are explained by nothing"

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.json_text import json_bytes
@@ -17,10 +18,12 @@ MEDIA_TYPES: Mapping[Format, str] = {
     "npz": "application/octet-stream",
     "ply": "application/octet-stream",
 }
+# Numbers beside each pose, (T,), by name.
+Columns = Mapping[str, NDArray[Any]]
 COMPONENTS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
-def written(members: Mapping[str, Any], particles: Array, columns: Mapping[str, Array], form: Format) -> bytes:
+def written(members: Mapping[str, Any], particles: Array, columns: Columns, form: Format) -> bytes:
     """Particles (T, 7), x y z qw qx qy qz, metres, and `columns` (T,) of each, as a file.
 
     members : what JSON tells besides; text and numbers of it are in the NPZ too
@@ -36,7 +39,7 @@ def written(members: Mapping[str, Any], particles: Array, columns: Mapping[str, 
     return _ply(members, particles, columns)
 
 
-def _ply(members: Mapping[str, Any], particles: Array, columns: Mapping[str, Array]) -> bytes:
+def _ply(members: Mapping[str, Any], particles: Array, columns: Columns) -> bytes:
     names = (*COMPONENTS, *columns)
     header = [
         "ply",

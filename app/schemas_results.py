@@ -151,8 +151,8 @@ class Estimate(BaseModel):
     state: State = Field(description="what the session was doing when it was asked")
 
 
-class Particles(BaseModel):
-    """Weighted poses."""
+class WeightedPoses(BaseModel):
+    """Poses of a link, with weights."""
 
     session_id: str = Field(description="the session")
     iteration: int = Field(description="the iteration they are of")
@@ -161,6 +161,19 @@ class Particles(BaseModel):
     log_weights: list[float | None] = Field(
         description="natural logarithms of the weights, which sum to 1; null for a weight of 0"
     )
+
+
+class PosteriorDraws(WeightedPoses):
+    """What the scan leaves open of one link."""
+
+    link: str = Field(description="the link")
+    posterior_iteration: int = Field(description="the iteration that the posterior was read out from")
+    mode: list[int] = Field(description="of which of the estimate's `alternatives` each draw is, counted from 0")
+
+
+class Particles(WeightedPoses):
+    """Poses of the algorithm's particles."""
+
     log_unary: list[float | None] = Field(description="natural logarithm of the unary potential, before tempering")
 
 

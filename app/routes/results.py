@@ -129,6 +129,30 @@ def get_belief(
 
 
 @router.get(
+    "/posterior/{link}",
+    response_class=Response,
+    summary="Where a link may be, given the scan",
+    responses=answer("The draws.", model=schemas.PosteriorDraws, content=_FILES)
+    | responses(409, status_404="The session, the link or the iteration is not here, or it is of the search."),
+)
+def get_posterior(
+    session_id: SessionId, link: Link, request: Request, iteration: Iteration = None, form: FormatQuery = "json"
+) -> Response:
+    """Draws of the posterior: poses of the link in world, metres, with log weights. Draw i of every link is of one
+    configuration of the whole object. During the search there is none; before rest it is read out for this call."""
+    session, snapshot = read(request, session_id, iteration, [link])
+    snapshot = snapshot.read_out
+    posterior, model = snapshot.placed.posterior, snapshot.problem.mrf.model
+    if posterior is None:
+        raise HttpProblem(404, f"iteration {snapshot.iteration} ({snapshot.report.stage}) has no posterior")
+    joints = posterior.drawn_joints
+    draws = model.link_poses(model.part_poses(posterior.drawn_roots, joints), joints)[:, model.links.index(link)]
+    members = _members(session, snapshot) | {"link": link, "posterior_iteration": posterior.iteration}
+    columns = {"log_weights": posterior.log_weights, "mode": posterior.mode}
+    return _file(f"{link}-{snapshot.iteration}-posterior", written(members, draws, columns, form), form)
+
+
+@router.get(
     "/messages/{sender}/{receiver}",
     response_class=Response,
     summary="What one part says about another",

@@ -60,14 +60,9 @@ class Layers(Body):
     scan: bool = _layer(True, "Scan", "points of the scan", "the scan's points")
     camera: bool = _layer(True, "Scan", "camera", "the frustum of each scan's camera")
     image: bool = _layer(False, "Scan", "depth image in the camera", "the depth image in the frustum")
-    particles: bool = _layer(True, "Algorithm", "particles", "every part's particles, where the part's frame is")
-    particle_ellipsoids: bool = _layer(
-        False, "Algorithm", "ellipsoids of the particles", "the covariance of each part's particles, at `confidence`"
-    )
-    axes: bool = _layer(
-        False, "Algorithm", "axes of the best particles", "orientations of the selected part's 24 heaviest particles"
-    )
+    planes: bool = _layer(False, "Scan", "support planes", "the support planes that were found")
     estimate: bool = _layer(True, "Object", "estimate", "the parts where the estimate has them")
+    truth: bool = _layer(False, "Object", "truth", "outlines of the parts where they really are, where that is known")
     ellipsoids: bool = _layer(
         True,
         "Belief",
@@ -77,13 +72,18 @@ class Layers(Body):
     draws: bool = _layer(
         True, "Belief", "where else it may be", "outlines of uncertain parts where the posterior's draws have them"
     )
-    truth: bool = _layer(False, "Object", "truth", "outlines of the parts where they really are, where that is known")
-    planes: bool = _layer(False, "Scan", "support planes", "the support planes that were found")
-    region: bool = _layer(False, "To drag", "region of interest", "`region` as a box whose corners can be dragged")
-    prior: bool = _layer(False, "To drag", "prior", "`prior` as a frame that can be dragged and turned")
+    particles: bool = _layer(True, "Algorithm", "particles", "every part's particles, where the part's frame is")
+    particle_ellipsoids: bool = _layer(
+        False, "Algorithm", "ellipsoids of the particles", "the covariance of each part's particles, at `confidence`"
+    )
+    axes: bool = _layer(
+        False, "Algorithm", "axes of the best particles", "orientations of the selected part's 24 heaviest particles"
+    )
     messages: bool = _layer(
         False, "Algorithm", "messages of the chosen edge", "the particles of both messages of the selected edge"
     )
+    region: bool = _layer(False, "To drag", "region of interest", "`region` as a box whose corners can be dragged")
+    prior: bool = _layer(False, "To drag", "prior", "`prior` as a frame that can be dragged and turned")
 
 
 LAYERS = tuple(Layers.model_fields)

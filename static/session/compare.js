@@ -3,7 +3,8 @@
 
 import { call, iterationQuery, sessionPath } from "./api.js";
 import { button, byId, h, reconcile, sentence, setName, setText } from "./dom.js";
-import { DEGREES, degrees, joint, millimetres, number } from "./format.js";
+import { degrees, inMillimetres, joint, largest, millimetres } from "./format.js";
+import { angle, distance } from "./pose.js";
 import { colour, isLive, partOfLink, shownIteration, state, subscribe, update } from "./state.js";
 import { throttled } from "./throttle.js";
 import { changeView } from "./view.js";
@@ -89,6 +90,8 @@ function show() {
   byId("compare-at").max = newestOther ?? "";
   if (!other || !here) return;
   setText(byId("compare-what"), `Iteration ${here.iteration} here, iteration ${other.iteration} there`);
+  setText(byId("compare-fit"), `Fit: ${fit(here)} here, ${fit(other)} there`);
+  byId("compare-fit").title = [here.fit_reason, other.fit_reason].map((reason) => reason ?? "–").join("; there ");
   const links = Object.keys(here.links).filter((name) => other.links[name]);
   reconcile(byId("compare-links"), "compare-link-row", links, String, (row, name) => {
     row.querySelector(".swatch").style.backgroundColor = colour(partOfLink(name));
@@ -97,8 +100,8 @@ function show() {
     setName(heading.lastChild, name);
     setText(apart, millimetres(distance(a.pose.position, b.pose.position)));
     setText(turned, degrees(angle(a.pose.orientation, b.pose.orientation)));
-    setText(stdHere, number(Math.max(...a.std_xyz) * 1000, 1));
-    setText(stdThere, number(Math.max(...b.std_xyz) * 1000, 1));
+    setText(stdHere, inMillimetres(largest(a.std_xyz)));
+    setText(stdThere, inMillimetres(largest(b.std_xyz)));
   });
   const joints = Object.keys(here.joints).filter((name) => other.joints[name]);
   reconcile(byId("compare-joints"), "compare-joint-row", joints, String, (row, name) => {
@@ -111,10 +114,5 @@ function show() {
   });
 }
 
-const distance = (a, b) => Math.hypot(a.x - b.x, a.y - b.y, a.z - b.z);
-
-function angle(a, b) {
-  const dot = Math.abs(a.x * b.x + a.y * b.y + a.z * b.z + a.w * b.w);
-  const between = 2 * Math.acos(Math.min(1, dot));
-  return between * DEGREES < 0.02 ? 0 : between; // below that the cosine has no digits left
-}
+const FITS = { good: "found", doubtful: "doubtful", none: "not found" };
+const fit = (estimate) => FITS[estimate.fit] ?? "not at rest";

@@ -78,8 +78,6 @@ function show() {
   const total = going ? session.iterations : Math.max(at, 1);
   setText(byId("progress-number"), going ? `${at} of ${session.iterations}` : `${at}`);
   byId("progress-bar").style.width = `${Math.min(100, (100 * at) / Math.max(1, total))}%`;
-  byId("certain").dataset.certain = String(Boolean(session.certain));
-  setText(byId("certain"), session.certain ? "certain" : "not certain");
 
   const fixed = isRecording() || here === "deleted";
   for (const id of ["play", "step", "run-open", "reset"]) byId(id).disabled = fixed || state.lost;

@@ -12,13 +12,16 @@ export function number(value, places = 1) {
   return (value < 0 && Number(text) !== 0 ? MINUS : "") + text;
 }
 
+// A number in another unit; what is not known stays so, as null times a number is 0.
+const scaled = (value, factor) => (value === null || value === undefined ? null : value * factor);
 const withUnit = (text, unit, space = NARROW) => (text === "–" ? text : text + space + unit);
 
-export const millimetres = (metres, places = 1) =>
-  withUnit(number(metres * 1000, Math.abs(metres) >= 0.1 ? 0 : places), "mm");
-export const centimetres = (metres, places = 1) => withUnit(number(metres * 100, places), "cm");
-export const degrees = (radians, places = 1) => withUnit(number(radians * DEGREES, places), "°", "");
-export const percent = (share, places = 0) => withUnit(number((share ?? NaN) * 100, places), "%");
+// Without the unit, for where that stands elsewhere.
+export const inMillimetres = (metres, places = 1) => number(scaled(metres, 1000), Math.abs(metres) >= 0.1 ? 0 : places);
+export const millimetres = (metres, places = 1) => withUnit(inMillimetres(metres, places), "mm");
+export const centimetres = (metres, places = 1) => withUnit(number(scaled(metres, 100), places), "cm");
+export const degrees = (radians, places = 1) => withUnit(number(scaled(radians, DEGREES), places), "°", "");
+export const percent = (share, places = 0) => withUnit(number(scaled(share, 100), places), "%");
 export const nats = (value, places = 1) => number(value, places);
 
 // A joint's position by its type: metres for slides, radians for turns, lists for planar and floating ones.
@@ -27,6 +30,15 @@ export function joint(type, value, places = 1) {
     return value.map((one, at) => (isAngle(type, at) ? degrees(one) : centimetres(one))).join(", ");
   if (value === null || value === undefined) return "–";
   return isAngle(type, 0) ? degrees(value, places) : centimetres(value, places);
+}
+
+// Both ends of an interval of the joint's axis `at`, with one unit, and places enough to tell them apart.
+export function jointEnds(type, [low, high], at = 0) {
+  const angle = isAngle(type, at);
+  const factor = angle ? DEGREES : 100;
+  const places = (high - low) * factor < 1 ? 2 : 1;
+  const write = angle ? degrees : centimetres;
+  return `${number(low * factor, places)} to ${write(high, places)}`;
 }
 
 function isAngle(type, at) {
@@ -39,6 +51,16 @@ export function measured(value, unit, places = 1) {
   if (unit === "m") return centimetres(value, places);
   if (unit === "rad") return degrees(value, places);
   return number(value, places);
+}
+
+// The largest of some numbers; null where they are not known.
+export const largest = (values) => (values?.length ? Math.max(...values) : null);
+
+// Up to two names, and how many more there are.
+export function named(names) {
+  const [first, second, ...others] = names;
+  if (others.length) return `${first}, ${second} and ${plural(others.length, "other")}`;
+  return second === undefined ? (first ?? "") : `${first} and ${second}`;
 }
 
 // The few digits of a round number, as at the ticks of an axis.

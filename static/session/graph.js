@@ -2,7 +2,7 @@
 // certain, an edge per pair of parts that joints connect.
 
 import { byId, s, setAttributes, setText } from "./dom.js";
-import { millimetres } from "./format.js";
+import { largest, millimetres } from "./format.js";
 import { colour, maxStd, onTheme, rowAt, shownIteration, state, subscribe } from "./state.js";
 import { changeView } from "./view.js";
 
@@ -16,7 +16,7 @@ const edges = [];
 
 export function install() {
   subscribe(["graph"], build);
-  subscribe(["graph", "rows", "recalled", "view"], show);
+  subscribe(["graph", "rows", "recalled", "view", "estimate"], show);
   onTheme(show);
 }
 
@@ -118,11 +118,20 @@ function pressed(attributes, act, children) {
   return s("g", { ...button, ...attributes }, children);
 }
 
+// The posterior's largest standard deviation of a part, and whether it is certain. The estimate knows of other modes too,
+// and of what was asked for; the trace's row, which is there sooner, only how wide the belief is.
+function belief(row, part, at) {
+  const estimate = state.estimate?.iteration === shownIteration() ? state.estimate : null;
+  const links = part.links.map((link) => estimate?.links[link]).filter(Boolean);
+  if (links.length) return [largest(links.flatMap((link) => link.std_xyz ?? [])), links.every((link) => link.certain)];
+  const std = row?.std[at] ?? null;
+  return [std, row?.fit === "good" && std !== null && std <= maxStd()];
+}
+
 function show() {
   const row = rowAt(shownIteration());
   for (const [name, { place, ring, disc, title, at, part }] of nodes) {
-    const std = row?.std[at] ?? null;
-    const certain = std !== null && std <= maxStd();
+    const [std, certain] = belief(row, part, at);
     // full where certain; on the way there by the logarithm, from a tenth at 100 times the limit
     const share = std === null ? 0 : Math.min(1, Math.max(0.06, 1 - Math.log10(std / maxStd()) / 2));
     const label = `${name}, ${certain ? "certain" : "not certain"}, standard deviation ${std === null ? "unknown" : millimetres(std)}`;
@@ -133,6 +142,7 @@ function show() {
     });
     disc.style.fill = colour(part);
     ring.style.stroke = certain ? "" : colour(part);
+    ring.style.visibility = std === null ? "hidden" : ""; // its round ends would be a dot
     setAttributes(ring, { "stroke-dasharray": `${(share * AROUND).toFixed(1)} ${AROUND.toFixed(1)}` });
     setText(title, label);
   }

@@ -2,6 +2,7 @@
 // by the session's events; when the connection breaks it is said, and all is asked for again once it is back.
 
 import { call, iterationQuery, listen, Problem, sessionPath } from "./api.js";
+import { largest } from "./format.js";
 import { notify, rowAt, shownIteration, state, subscribe, update } from "./state.js";
 import { goToIteration } from "./view.js";
 
@@ -94,20 +95,19 @@ function graphOfTrace(row) {
 // A row by part, in the graph's order: a long session has many of them.
 function compact(row) {
   const parts = state.graph.parts;
-  const largest = (part) => {
-    const all = part.links.flatMap((link) => row.std_xyz?.[link] ?? []);
-    return all.length ? Math.max(...all) : null;
-  };
+  const ofParts = (stds) => parts.map((part) => largest(part.links.flatMap((link) => stds?.[link] ?? [])));
   return {
     iteration: row.iteration,
     stage: row.stage,
     seconds: row.seconds,
     elapsed: row.elapsed,
     likelihood: row.log_likelihood,
-    std: parts.map(largest),
+    std: ofParts(row.std_xyz), // the posterior's: null where there is none
+    particleStd: ofParts(row.particle_std_xyz),
     effective: parts.map((part) => row.effective_sample_size?.[part.name] ?? null),
     add: row.add ? parts.map((part) => row.add[part.name] ?? null) : null,
     certain: row.certain,
+    fit: row.fit,
     converged: row.converged,
     notes: row.notes?.length ? row.notes : null,
   };
@@ -127,8 +127,8 @@ function hearIteration(row) {
     return;
   }
   appendRows(row);
-  if (state.session)
-    Object.assign(state.session, { iteration: row.iteration, converged: row.converged, certain: row.certain });
+  const { iteration, converged, certain, fit, fit_reason } = row;
+  if (state.session) Object.assign(state.session, { iteration, converged, certain, fit, fit_reason });
   if (state.lost) state.lost = false;
   notify("rows", "session", "lost", "view");
 }
@@ -202,12 +202,7 @@ export function refreshEstimate() {
   }
   asking = true;
   Promise.all([call(`${sessionPath(state.id)}/estimate${iterationQuery(iteration)}`), fetchForgotten(iteration)])
-    .then(([estimate, row]) => {
-      const entry = row ? { estimate, recalled: row } : { estimate };
-      estimates.set(estimate.iteration, entry);
-      if (estimates.size > KEPT) estimates.delete(estimates.keys().next().value);
-      update(entry);
-    })
+    .then(([estimate, row]) => keep(row ? { estimate, recalled: row } : { estimate }))
     .catch((error) => (error.status === 0 ? update({ lost: true }) : null))
     .finally(() => {
       asking = false;
@@ -216,4 +211,19 @@ export function refreshEstimate() {
         refreshEstimate();
       }, PACE);
     });
+}
+
+function keep(entry) {
+  const { iteration } = entry.estimate;
+  estimates.delete(iteration); // the newest stands last
+  estimates.set(iteration, entry);
+  if (estimates.size > KEPT) estimates.delete(estimates.keys().next().value);
+  update(entry);
+}
+
+// Have the posterior of an iteration read out though the inference is not at rest there, and show it.
+export async function readOutPosterior(iteration) {
+  const estimate = await call(`${sessionPath(state.id)}/estimate${iterationQuery(iteration)}&posterior=true`);
+  const entry = { ...estimates.get(iteration), estimate };
+  if (shownIteration() === iteration) keep(entry);
 }

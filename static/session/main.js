@@ -9,6 +9,7 @@ import * as edge from "./edge.js";
 import * as estimate from "./estimate.js";
 import * as graph from "./graph.js";
 import { follow, refreshEstimate } from "./history.js";
+import * as howSure from "./how_sure.js";
 import * as keyboard from "./keyboard.js";
 import * as layers from "./layers.js";
 import * as part from "./part.js";
@@ -19,6 +20,7 @@ import * as share from "./share.js";
 import { isLive, isRecording, newestIteration, onTheme, state, subscribe, theme, update } from "./state.js";
 import * as tabs from "./tabs.js";
 import * as timeline from "./timeline.js";
+import * as verdict from "./verdict.js";
 import { changeView, declareView, openView } from "./view.js";
 
 const AGAIN = 2000; // milliseconds to the next try where the server does not answer
@@ -33,8 +35,8 @@ async function begin() {
   controls.install();
   await untilAnswered(declareView);
   tabs.install(new URLSearchParams(location.search).get("tab"));
-  for (const piece of [timeline, plots, graph, estimate, part, edge, particle, layers, economy, compare, share])
-    piece.install();
+  const about = [verdict, timeline, plots, graph, estimate, howSure, part, edge, particle];
+  for (const piece of [...about, layers, economy, compare, share]) piece.install();
   keyboard.install(frame);
   settings.install().catch((error) => update({ trouble: error.message }));
   const asked = new URLSearchParams(location.search).get("economy");

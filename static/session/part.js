@@ -3,7 +3,7 @@
 import { call } from "./api.js";
 import { histogram } from "./charts.js";
 import { byId, h, insteadOf, setText } from "./dom.js";
-import { degrees, measured, millimetres, percent, plural } from "./format.js";
+import { degrees, largest, measured, millimetres, percent, plural } from "./format.js";
 import { beliefs } from "./particle.js";
 import { colour, onTheme, partNamed, rowAt, shownIteration, state, subscribe } from "./state.js";
 import { throttled } from "./throttle.js";
@@ -35,19 +35,27 @@ function showHeading(part) {
   setText(
     byId("part-facts"),
     [
-      link ? `± ${millimetres(Math.max(...link.std_xyz))}` : null,
+      link?.std_xyz ? `±\u202f${millimetres(largest(link.std_xyz))}` : null,
       link ? `${percent(link.visible_fraction)} visible` : null,
+      link ? `particles ±\u202f${millimetres(largest(link.particle_std_xyz))}` : null,
       Number.isFinite(effective) ? `${Math.round(effective)} effective` : null,
     ]
       .filter(Boolean)
       .join(" · "),
   );
-  if (link) showModes(link.modes, part);
+  if (!link) return;
+  setText(
+    byId("modes-title"),
+    link.modes.length ? plural(link.modes.length, "hypothesis", "hypotheses") : "hypotheses",
+  );
+  byId("modes-calm").hidden = link.modes.length > 0;
+  showModes("modes", link.modes, part);
+  setText(byId("particle-modes-title"), `${plural(link.particle_modes.length, "cluster")} among the particles`);
+  showModes("particle-modes", link.particle_modes, part);
 }
 
-function showModes(modes, part) {
-  setText(byId("modes-title"), plural(modes.length, "mode"));
-  byId("modes").replaceChildren(
+function showModes(place, modes, part) {
+  byId(place).replaceChildren(
     ...modes.map(({ weight, pose: { position, orientation } }, at) =>
       h("li", {}, [
         h("span", { class: "weight", css: { "--share": weight, "--tint": colour(part) }, "aria-hidden": "true" }),

@@ -5,6 +5,9 @@ import { colour, rowAt, shownIteration, state } from "./state.js";
 
 export const MARGIN = { top: 6, bottom: 15, left: 34, right: 8 };
 
+// Radius of a value between two gaps, pixels.
+const LONE = 1.8;
+
 const finite = (plot) => (value) => Number.isFinite(value) && (!plot.log || value > 0);
 
 // Draws `plot` over the iterations `first` to `last`.
@@ -101,11 +104,8 @@ function drawCurves(pen, plot, rows, frame, colours) {
     pen.globalAlpha = part !== null && state.view.part && !selected ? 0.25 : 1;
     pen.strokeStyle = pen.fillStyle = whole ? colours.ink : tint;
     pen.lineWidth = selected ? 2.2 : 1.6;
-    drawCurve(
-      pen,
-      rows.map((row) => [row.iteration, plot.values(row)[index]]).filter(([, value]) => finite(plot)(value)),
-      frame,
-    );
+    const points = rows.map((row) => [row.iteration, plot.values(row)[index]]);
+    drawCurve(pen, stretches(points, finite(plot)), frame);
     const row = rowAt(shownIteration());
     const value = row && plot.values(row)[index];
     if (finite(plot)(value)) drawDot(pen, frame.x(row.iteration), frame.y(value));
@@ -113,23 +113,36 @@ function drawCurves(pen, plot, rows, frame, colours) {
   pen.globalAlpha = 1;
 }
 
-function drawCurve(pen, points, { width, height, x, y }) {
+// The points between the gaps: where nothing is known no line is drawn.
+function stretches(points, known) {
+  const found = [];
+  let before = false;
+  for (const point of points) {
+    const here = known(point[1]);
+    if (here && !before) found.push([]);
+    if (here) found.at(-1).push(point);
+    before = here;
+  }
+  return found;
+}
+
+function drawCurve(pen, all, { width, height, x, y }) {
   pen.save();
   pen.beginPath();
   pen.rect(MARGIN.left - 3, 0, width - MARGIN.left, height - MARGIN.bottom + 1);
   pen.clip();
   pen.lineJoin = "round";
-  drawLine(
-    pen,
-    points.map(([iteration]) => x(iteration)),
-    points.map(([, value]) => y(value)),
-  );
+  for (const points of all) {
+    const [xs, ys] = [points.map(([iteration]) => x(iteration)), points.map(([, value]) => y(value))];
+    if (points.length > 1) drawLine(pen, xs, ys);
+    else drawDot(pen, xs[0], ys[0], LONE); // a line of one point is none
+  }
   pen.restore();
 }
 
-function drawDot(pen, x, y) {
+function drawDot(pen, x, y, radius = 2.6) {
   pen.beginPath();
-  pen.arc(x, y, 2.6, 0, 2 * Math.PI);
+  pen.arc(x, y, radius, 0, 2 * Math.PI);
   pen.fill();
 }
 
@@ -160,7 +173,7 @@ function limits(plot, rows) {
     high = Math.max(high, value);
   }
   // a belief that has collapsed for an iteration is no reason to squeeze all others into a line
-  if (plot.log) return [Math.max(low / 1.3, high / 1e5, (limit ?? 0) / 10), high * 1.3];
+  if (plot.log) return [Math.max(low / 1.3, high / 1e5), high * 1.3];
   if (plot.zero) low = 0;
   const room = (high - low || Math.abs(high) || 1) * 0.06;
   return [plot.zero ? 0 : low - room, high + room];

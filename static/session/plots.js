@@ -1,4 +1,4 @@
-// How has it gone so far? Small plots against the iteration, five where the truth is known, else four, with a cursor at
+// How has it gone so far? Small plots against the iteration, six where the truth is known, else five, with a cursor at
 // the one that is looked at: a canvas each, drawn anew at most ten times a second.
 
 import { byId, h, setText } from "./dom.js";
@@ -9,7 +9,7 @@ import { goToIteration } from "./view.js";
 
 const PACE = 100; // milliseconds between two drawings
 
-// Each: title, whether the scale is logarithmic, values of a row (one per part, or one for all), how a value is read, a
+// First what is found, then how the algorithm goes about it. Each: title, whether the scale is logarithmic, values of a row (one per part, or one for all), how a value is read, a
 // dashed line, and what the title's number says of the row at the cursor.
 const PLOTS = [
   {
@@ -22,12 +22,12 @@ const PLOTS = [
     now: (values) => `largest ${millimetres(Math.max(...values))}`,
   },
   {
-    id: "effective",
-    title: "effective sample size",
-    zero: true,
-    values: (row) => row.effective,
-    tick: (v) => plain(v),
-    now: (values) => `smallest ${number(Math.min(...values), 0)}`,
+    id: "add",
+    title: "ADD to the truth, mm",
+    log: true,
+    values: (row) => row.add ?? [],
+    tick: (v) => plain(v * 1000),
+    now: (values) => `largest ${millimetres(Math.max(...values), 2)}`,
   },
   {
     id: "likelihood",
@@ -37,12 +37,20 @@ const PLOTS = [
     now: (values) => number(values[0], 1),
   },
   {
-    id: "add",
-    title: "ADD to the truth, mm",
+    id: "particle-std",
+    title: "particles' spread, mm",
     log: true,
-    values: (row) => row.add ?? [],
+    values: (row) => row.particleStd,
     tick: (v) => plain(v * 1000),
-    now: (values) => `largest ${millimetres(Math.max(...values), 2)}`,
+    now: (values) => `largest ${millimetres(Math.max(...values))}`,
+  },
+  {
+    id: "effective",
+    title: "effective sample size",
+    zero: true,
+    values: (row) => row.effective,
+    tick: (v) => plain(v),
+    now: (values) => `smallest ${number(Math.min(...values), 0)}`,
   },
   {
     id: "seconds",
@@ -63,7 +71,7 @@ export function install() {
     const now = h("span", { class: "now" });
     const canvas = h("canvas", { role: "img", "aria-label": plot.title, on: { pointerdown: drag } });
     const figure = h("figure", { class: "plot", "data-plot": plot.id }, [
-      h("figcaption", {}, h("span", { class: "plot-title" }, plot.title), now),
+      h("figcaption", {}, h("span", { class: "plot-title", title: plot.title }, plot.title), now),
       canvas,
     ]);
     place.append(figure);

@@ -2,13 +2,13 @@
 
 import { sessionPath } from "./api.js";
 import { byId, h, setText } from "./dom.js";
-import { isLive, shownIteration, state, subscribe } from "./state.js";
+import { askedFor, isLive, shownIteration, state, subscribe } from "./state.js";
 
 export function install() {
   for (const copy of document.querySelectorAll("[data-copy]")) {
     copy.addEventListener("click", () => copied(copy, byId(copy.dataset.copy)));
   }
-  subscribe(["view", "rows", "tab", "session"], show);
+  subscribe(["view", "rows", "tab", "session", "estimate"], show);
 }
 
 // What of the view a link carries; `viewOfLink` reads it back.
@@ -53,7 +53,8 @@ function commands() {
   const view = state.view;
   const part = state.graph.parts.find((one) => one.name === view.part);
   const link = part && encodeURIComponent(part.links[0]);
-  const lines = ["# the estimate", `curl "${api}/estimate${at}"`];
+  const asked = askedFor(state.estimate) && state.estimate.iteration === shownIteration() ? "&posterior=true" : "";
+  const lines = ["# the estimate", `curl "${api}/estimate${at}${asked}"`];
   if (part && view.particle !== null) {
     lines.push(
       "# why this particle weighs what it does",

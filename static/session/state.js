@@ -66,6 +66,12 @@ export const isLive = () => state.view.iteration === null;
 export const shownIteration = () => (isLive() ? newestIteration() : Math.min(state.view.iteration, newestIteration()));
 export const maxStd = () => state.session?.max_std ?? null;
 
+// Whether a row of the trace is of the search, which has no posterior.
+export const searches = (row) => ["start", "search"].includes(row?.stage);
+// Whether an estimate says how sure it is, and whether it was read out for this page though not at rest.
+export const hasPosterior = (estimate) => estimate !== null && estimate.posterior_iteration !== null;
+export const askedFor = (estimate) => hasPosterior(estimate) && !estimate.converged;
+
 // The trace's row of an iteration, or the last before it where it was not recorded.
 export function rowAt(iteration) {
   if (state.recalled?.iteration === iteration) return state.recalled;

@@ -1,6 +1,7 @@
 // Which iteration is looked at? A slider over all that are recorded, with marks where something happened.
 
 import { byId, reconcile, setText } from "./dom.js";
+import { millimetres } from "./format.js";
 import {
   colour,
   isLive,
@@ -81,17 +82,26 @@ function show() {
   byId("playback").dataset.going = String(state.playback);
 }
 
+// The place of the first row from which on all are so; null where the last is not.
+function since(so) {
+  let first = null;
+  for (let n = state.rows.length - 1; n >= 0 && so(state.rows[n]); n--) first = n;
+  return first;
+}
+
 // Where a part became certain and stayed so, where settings or scans were changed, and what the inference remarked.
 function showMarks() {
   const marks = [];
   const rows = state.rows;
+  const allCertain = since((row) => row.certain);
   state.graph.parts.forEach((part, at) => {
-    let since = null;
-    for (let n = rows.length - 1; n >= 0 && rows[n].std[at] !== null && rows[n].std[at] <= maxStd(); n--) since = n;
-    if (since !== null && since > 0) {
-      const { iteration } = rows[since];
-      marks.push({ kind: "certain", iteration, part, text: `${part.name} is certain from iteration ${iteration} on` });
-    }
+    const narrow = since((row) => row.fit === "good" && row.std[at] !== null && row.std[at] <= maxStd());
+    if (narrow === null || narrow < 1) return;
+    const { iteration } = rows[narrow];
+    // a row tells how wide a part's belief is, but only of all links together that nothing else speaks against them
+    const certain = allCertain !== null && allCertain <= narrow;
+    const word = certain ? "is certain" : `has a std of at most ${millimetres(maxStd())}`;
+    marks.push({ kind: "certain", iteration, part, text: `${part.name} ${word} from iteration ${iteration} on` });
   });
   for (const { after_iteration: iteration, scan_id, config } of state.changes) {
     const set = Object.entries(config ?? {}).map(([name, value]) => `${name} = ${value}`);
@@ -114,8 +124,9 @@ function showMarks() {
       place.onclick = () => goToIteration(mark.iteration);
       const here = level.get(mark.iteration) ?? 0;
       level.set(mark.iteration, here + 1);
-      place.style.setProperty("--at", (mark.iteration - first) / (last - first));
-      place.style.setProperty("--level", here);
+      const share = (mark.iteration - first) / (last - first);
+      place.style.setProperty("--at", share);
+      place.style.setProperty("--level", share > 0.5 ? -here : here); // those of one iteration stay on the slider
       if (mark.part) place.style.setProperty("--part", colour(mark.part));
       place.title = mark.text;
       setText(place.firstChild, mark.text);

@@ -56,6 +56,11 @@ async function forget(id, name) {
   ask();
 }
 
+function verdict({ fit, certain }) {
+  if (fit === "good") return certain ? "found, certain" : "found, not certain";
+  return { doubtful: "doubtful", none: "not found" }[fit] ?? "not at rest yet";
+}
+
 const title = (session) => session.name || session.id;
 
 function fill(card, session) {
@@ -71,10 +76,9 @@ function fill(card, session) {
   const share = total ? Math.min(1, (session.iteration ?? 0) / total) : 0;
   part("track").firstElementChild.style.width = `${100 * share}%`;
   part("certain").dataset.certain = Boolean(session.certain);
-  setText(
-    part("certain"),
-    session.certain ? "certain" : session.converged ? "at rest, not certain" : "not certain yet",
-  );
+  part("certain").dataset.fit = session.fit ?? "";
+  part("certain").title = session.fit_reason ?? "";
+  setText(part("certain"), verdict(session));
   setText(part("method"), session.method === "particle_filter" ? "particle filter" : "belief propagation");
   part("error").hidden = !session.error;
   setText(part("error"), session.error ?? "");

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from app import cli
-from app.schemas_results import BeliefParticles, Decision, Estimate, MessageParticles, Trace, TraceRow
+from app.schemas_results import BeliefParticles, Decision, Estimate, MessageParticles, PosteriorDraws, Trace, TraceRow
 from pmpnbp.geometry import poses
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout import particle_statistics
@@ -283,6 +283,30 @@ def test_a_posterior_is_read_out_where_it_is_asked_for(client: httpx.Client, pat
     assert asked == client.get(f"{path}/estimate?posterior=true").json()
     searching = client.get(f"{path}/estimate?iteration=1&posterior=true").json()
     assert searching["fit"] is None and searching["links"]["frame"]["std_xyz"] is None
+
+
+def test_draws_of_the_posterior_are_those_that_the_estimate_tells_of(client: httpx.Client, rested: str) -> None:
+    estimate = client.get(f"{rested}/estimate").json()
+    for link in ("frame", "handle2"):
+        answer = client.get(f"{rested}/posterior/{link}")
+        PosteriorDraws.model_validate_json(answer.content)
+        found = answer.json()
+        assert found["posterior_iteration"] == estimate["posterior_iteration"] and found["link"] == link
+        draws, weights = np.array(found["particles"]), np.exp(np.array(found["log_weights"], dtype=float))
+        told = estimate["links"][link]
+        middle = np.array(
+            [*(told["pose"]["position"][n] for n in "xyz"), *(told["pose"]["orientation"][n] for n in "wxyz")]
+        )
+        covariance = particle_statistics.covariance(middle, draws, np.nan_to_num(weights))
+        np.testing.assert_allclose(covariance.ravel(), told["covariance"], atol=1e-12)
+        shares = np.bincount(found["mode"], np.nan_to_num(weights))
+        assert shares == pytest.approx([other["weight"] for other in estimate["alternatives"]])
+    file = client.get(f"{rested}/posterior/frame?format=npz")
+    with np.load(io.BytesIO(file.content)) as arrays:
+        assert {"particles", "log_weights", "mode", "posterior_iteration"} <= set(arrays.files)
+    assert client.get(f"{rested}/posterior/frame?format=ply").content.startswith(b"ply")
+    problem(client.get(f"{rested}/posterior/frame?iteration=1"), 404, "iteration 1 (search) has no posterior")
+    problem(client.get(f"{rested}/posterior/door"), 404, "link 'door' is not in the model")
 
 
 def test_the_decision_is_to_act_where_all_asked_links_are_certain(client: httpx.Client, rested: str) -> None:

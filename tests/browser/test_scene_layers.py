@@ -17,7 +17,7 @@ from pmpnbp.potentials.pixel_kinds import PixelKind
 from tests.app import small_sessions as small
 from tests.browser.conftest import DESK, PATIENCE, pixels
 from tests.browser.scene_pointer import BARE, change, differing, ground, look_from_eye, settled
-from tests.browser.session_page import opened, tab, view, wait
+from tests.browser.session_page import opened, tab, view, wait, written
 from tests.servers import Served
 
 expect.set_options(timeout=PATIENCE)
@@ -67,7 +67,7 @@ def test_each_layer_is_drawn_by_its_switch(page: Page, served: Served, session: 
     empty = look_from_eye(page, served, show=BARE, part="drawer1")
     assert coloured(empty, ground(empty), 2) > 0.97 * empty.shape[0] * empty.shape[1]
     drawn = {}
-    names = ("support planes", "axes of the best particles", "truth", "covariance ellipsoids", "particles")
+    names = ("support planes", "axes of the best particles", "truth", "ellipsoids of the particles", "particles")
     for name in names:
         switch = panel.get_by_role("switch", name=name, exact=True)
         switch.check()
@@ -85,10 +85,12 @@ def test_each_layer_is_drawn_by_its_switch(page: Page, served: Served, session: 
         rest = np.delete(axes, channel, axis=-1).max(axis=-1)
         assert ((axes[..., channel] - rest) > 60).sum() > 5
     panel.get_by_label("Confidence").fill("99")
-    panel.get_by_role("switch", name="covariance ellipsoids", exact=True).check()
-    wider = 1.5 * differing(empty, drawn["covariance ellipsoids"])  # by the square of 3.4 standard deviations over 2.0
+    panel.get_by_role("switch", name="ellipsoids of the particles", exact=True).check()
+    wider = 1.5 * differing(
+        empty, drawn["ellipsoids of the particles"]
+    )  # by the square of 3.4 standard deviations over 2.0
     wait(page, lambda: differing(empty, shot(page)) > wider)
-    panel.get_by_role("switch", name="covariance ellipsoids", exact=True).uncheck()
+    panel.get_by_role("switch", name="ellipsoids of the particles", exact=True).uncheck()
     change(page, served, {"camera": BEHIND_THE_CAMERA})
     wait(page, lambda: differing(empty, shot(page)) == 0)
     panel.get_by_role("switch", name="camera", exact=True).check()
@@ -138,6 +140,28 @@ def test_colours_of_scan_and_particles(page: Page, served: Served, session: str)
         assert coloured(paler, rgb(colour)) < coloured(by_part, rgb(colour))
 
 
+def test_what_the_posterior_draws_is_there_at_rest_only(page: Page, served: Served) -> None:
+    scan = small.upload_scan(served.client, "from_above")  # two drawers are hidden: they may be far from the estimate
+    session = small.after(served.client, 2, name="a cabinet", scan_id=scan)
+    served.client.post(f"{session}/run", json={"until": "converged"}).raise_for_status()
+    newest = small.at_rest(served.client, session)["iteration"]
+    page = opened(page, served, session)
+    panel = tab(page, "Layers")
+    empty = look_from_eye(page, served, show=BARE)
+    for name in ("covariance ellipsoids", "where else it may be"):
+        switch = panel.get_by_role("switch", name=name, exact=True)
+        switch.check()
+        wait(page, lambda: differing(empty, shot(page)) > 30)
+        page.get_by_role("slider", name="Iteration").fill("1")
+        wait(page, lambda: view(page, served)["drawn"]["iteration"] == 1)
+        wait(page, lambda: differing(empty, shot(page)) == 0)
+        page.get_by_role("button", name="Live").click()
+        wait(page, lambda: view(page, served)["drawn"]["iteration"] == newest)
+        wait(page, lambda: differing(empty, shot(page)) > 30)
+        switch.uncheck()
+        wait(page, lambda: differing(empty, shot(page)) == 0)
+
+
 def test_another_session_is_a_grey_ghost_and_a_table(page: Page, served: Served, session: str) -> None:
     other = small.after(served.client, 3, name="the other", seed=5)
     page = opened(page, served, session)
@@ -152,29 +176,30 @@ def test_another_session_is_a_grey_ghost_and_a_table(page: Page, served: Served,
         there = its["links"][name]
         a, b = (np.array([link["pose"]["position"][axis] for axis in "xyz"]) for link in (here, there))
         q, r = (np.array([link["pose"]["orientation"][axis] for axis in "xyzw"]) for link in (here, there))
-        wanted = [
-            1000 * float(np.linalg.norm(a - b)),
-            float(np.degrees(2 * np.arccos(min(1.0, abs(float(q @ r)))))),
-            1000 * max(here["std_xyz"]),
-            1000 * max(there["std_xyz"]),
-        ]
-        assert numbers(page, "#compare-links", name) == pytest.approx(wanted, abs=0.51 if wanted[0] > 100 else 0.051)
+        wanted = [1000 * float(np.linalg.norm(a - b)), float(np.degrees(2 * np.arccos(min(1.0, abs(float(q @ r))))))]
+        assert here["std_xyz"] is there["std_xyz"] is None  # neither is at rest
+        *shown, std, its_std = cells(page, "#compare-links", name)
+        assert (std, its_std) == ("–", "–")
+        assert [number(text) for text in shown] == pytest.approx(wanted, abs=0.51 if wanted[0] > 100 else 0.051)
+    expect(panel.locator("#compare-fit")).to_have_text("Fit: not at rest here, not at rest there")
     assert any(one["pose"] != its["links"][name]["pose"] for name, one in mine["links"].items())
     for name, joint in mine["joints"].items():
         positions = 100 * joint["position"], 100 * its["joints"][name]["position"]
         wanted = [*positions, abs(positions[0] - positions[1])]
-        assert numbers(page, "#compare-joints", name) == pytest.approx(wanted, abs=0.051)
+        assert [number(text) for text in cells(page, "#compare-joints", name)] == pytest.approx(wanted, abs=0.051)
 
     panel.get_by_role("button", name="Stop comparing").click()
     wait(page, lambda: differing(alone, shot(page)) == 0)
 
 
-def test_five_plots_where_the_truth_is_known(new_page: Callable[..., Page], served: Served, session: str) -> None:
+def test_six_plots_where_the_truth_is_known(new_page: Callable[..., Page], served: Served, session: str) -> None:
     page = opened(new_page(viewport=DESK), served, session)
     row = served.client.get(f"{session}/trace").json()["iterations"][-1]
     largest, seconds = 1000 * max(row["add"].values()), 1000 * row["seconds"]
+    spread = 1000 * max(map(max, row["particle_std_xyz"].values()))
     wanted = {
-        "std": "largest",
+        "std": "–",  # not at rest
+        "particle-std": f"largest {written(spread)}",
         "effective": "smallest",
         "likelihood": f"{row['log_likelihood']:.1f}",
         "add": f"largest {largest:.{0 if largest >= 100 else 2}f}",
@@ -231,8 +256,12 @@ def parts(served: Served, session: str) -> dict[str, str]:
     return {part["name"]: part["colour"] for part in found}
 
 
-def numbers(page: Page, table: str, name: str) -> list[float]:
-    """The numbers of a table's row, without their units."""
+def cells(page: Page, table: str, name: str) -> list[str]:
+    """The texts of a table's row."""
     row = page.locator(f"{table} tr", has=page.get_by_role("rowheader", name=name, exact=True))
-    texts = row.locator("td").all_inner_texts()
-    return [float("".join(sign for sign in text.replace("\u2212", "-") if sign in "-.0123456789")) for text in texts]
+    return row.locator("td").all_inner_texts()
+
+
+def number(text: str) -> float:
+    """A number without its unit."""
+    return float("".join(sign for sign in text.replace("\u2212", "-") if sign in "-.0123456789"))

@@ -13,7 +13,7 @@ from playwright.sync_api import Page, expect
 
 from tests.app import small_sessions as small
 from tests.browser.conftest import PATIENCE, PHONE, Troubles, pixels, scrolls_sideways
-from tests.browser.session_page import has_colour, opened, tab, view, wait, written
+from tests.browser.session_page import has_colour, opened, tab, view, wait
 from tests.servers import Served
 
 expect.set_options(timeout=PATIENCE)
@@ -42,7 +42,8 @@ def test_the_page_shows_state_numbers_and_the_scene(page: Page, served: Served, 
     for name, link in estimate["links"].items():
         row = page.locator("#links tr", has=page.get_by_role("rowheader", name=name))
         expect(row.locator("td").nth(1)).to_have_text(re.compile(f"^{link['visible_fraction'] * 100:.0f}\\s%$"))
-        expect(row.locator("td").nth(2)).to_have_text("certain" if link["certain"] else "not yet")
+        expect(row.locator("td").nth(0)).to_have_text("–")  # not at rest: nothing says how sure it is
+        expect(row.locator("td").nth(2)).to_have_text("not yet")
     expect(page.locator("#joints tr")).to_have_count(3)
     wait(page, lambda: (view(page, served)["drawn"] or {}).get("iteration") == 6)
     wait(page, lambda: float(pixels(page.locator("#scene")).std()) > 5)
@@ -90,8 +91,8 @@ def test_the_timeline_goes_back_while_it_goes_on(page: Page, served: Served, ses
     expect(page.locator("#shown")).to_have_text(re.compile("2 / 6"))
     expect(page.get_by_role("button", name="Live")).to_have_attribute("aria-pressed", "false")
     wait(page, lambda: (view(page, served)["drawn"] or {}).get("iteration") == 2)
-    std = max(served.client.get(f"{session}/estimate?iteration=2").json()["links"]["frame"]["std_xyz"]) * 1000
-    expect(page.locator("#links tr").first.locator("td").first).to_have_text(re.compile(re.escape(written(std))))
+    seen = served.client.get(f"{session}/estimate?iteration=2").json()["links"]["frame"]["visible_fraction"]
+    expect(page.locator("#links tr").first.locator("td").nth(1)).to_have_text(f"{seen * 100:.0f}\u202f%")
     small.step(served.client, session, 1)
     expect(page.locator("#shown")).to_have_text(re.compile("2 / 7"))
     page.get_by_role("button", name="Live").click()
@@ -133,13 +134,13 @@ def test_keys(page: Page, served: Served, session: str) -> None:
 
 
 def test_plots_have_a_line_per_part_and_a_cursor(page: Page, served: Served) -> None:
-    # a seed with which no line hides another: all standard deviations are a quarter apart at least
+    # a seed with which no line hides another: all spreads are a quarter apart at least
     session = small.after(served.client, 6, name="a cabinet", iterations=12, seed=3)
     opened(page, served, session)
     graph = served.client.get(f"{session}/graph").json()
-    plot = page.locator("[data-plot=std] canvas")
+    plot = page.locator("[data-plot=particle-std] canvas")
     wait(page, lambda: all(has_colour(plot, part["colour"]) for part in graph["parts"]))
-    expect(page.locator(".plot:visible")).to_have_count(4)
+    expect(page.locator(".plot:visible")).to_have_count(5)
     before = pixels(plot)
     box = plot.bounding_box()
     assert box is not None

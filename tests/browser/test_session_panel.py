@@ -24,7 +24,7 @@ def session(served: Served) -> str:
 
 def test_the_graph_opens_a_belief(page: Page, served: Served, session: str) -> None:
     opened(page, served, session)
-    node = page.get_by_role("button", name=re.compile("^drawer2, (not )?certain, standard deviation"))
+    node = page.get_by_role("button", name="drawer2, not certain, standard deviation unknown")
     node.focus()
     page.keyboard.press("Enter")
     expect(node).to_have_attribute("aria-pressed", "true")
@@ -32,7 +32,11 @@ def test_the_graph_opens_a_belief(page: Page, served: Served, session: str) -> N
     names = [one["name"] for one in served.client.get(f"{session}/beliefs/drawer2/marginals").json()["marginals"]]
     assert {"x", "y", "z", "roll", "pitch", "yaw"} < set(names)
     expect(page.locator("#marginals figure")).to_have_count(len(names))
-    expect(page.locator("#modes li").first).to_be_visible()
+    expect(page.locator("#particle-modes li").first).to_be_visible()
+    count = len(served.client.get(f"{session}/estimate").json()["links"]["drawer2"]["particle_modes"])
+    expect(page.locator("#particle-modes-title")).to_have_text(re.compile(rf"^{count} clusters? among the particles$"))
+    expect(page.locator("#modes-title")).to_have_text("hypotheses")
+    expect(page.locator("#modes-calm")).to_have_text("None are read out before the inference is at rest.")
     wait(page, lambda: view(page, served)["part"] == "drawer2")
     page.get_by_role("button", name="Back to all links").click()
     expect(page.locator("#links tr")).to_have_count(7)

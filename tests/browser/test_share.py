@@ -111,28 +111,23 @@ def test_the_copied_commands_run(page: Page, served: Served, session: str) -> No
 def test_marks_tell_where_a_part_became_certain_and_settings_changed(page: Page, served: Served, session: str) -> None:
     changed = served.client.patch(session, json={"config": {"effective_share": 0.2}})
     assert changed.status_code == 200
-    small.step(served.client, session, 2)
+    served.client.post(f"{session}/run", json={"until": "converged"}).raise_for_status()
+    last = small.at_rest(served.client, session)["iteration"]
     page = opened(page, served, session)
     graph, trace = (served.client.get(f"{session}/{name}").json() for name in ("graph", "trace"))
-    since = {}
+    *before, rest = trace["iterations"]
+    assert rest["certain"]  # else this shows nothing
+    assert not any(row["std_xyz"] for row in before)  # the belief's width is no uncertainty before the end
+    expect(page.locator(".mark.certain")).to_have_count(len(graph["parts"]))
     for part in graph["parts"]:
-        for row in reversed(trace["iterations"]):
-            if max(max(row["std_xyz"][link]) for link in part["links"]) > 0.03:
-                break
-            since[part["name"]] = row["iteration"]
-    since = {name: iteration for name, iteration in since.items() if iteration > 0}
-    assert since  # else this shows nothing
-    marks = page.locator(".mark.certain")
-    expect(marks).to_have_count(len(since))
-    for name, iteration in since.items():
-        mark = page.get_by_title(f"{name} is certain from iteration {iteration} on")
-        assert place(mark) == pytest.approx(iteration / 8, abs=1e-6)
+        mark = page.get_by_title(f"{part['name']} is certain from iteration {last} on")
+        assert place(mark) == pytest.approx(1, abs=1e-6)
     change = page.locator(".mark.change")
     expect(change).to_have_count(1)
     expect(change).to_have_attribute("title", re.compile("after iteration 6 .*effective_share = 0.2"))
-    assert place(change) == pytest.approx(6 / 8, abs=1e-6)
+    assert place(change) == pytest.approx(6 / last, abs=1e-6)
     change.click()
-    expect(page.locator("#shown")).to_have_text("6 / 8")
+    expect(page.locator("#shown")).to_have_text(re.compile(rf"6 / {last}$"))
     wait(page, lambda: (view(page, served)["drawn"] or {}).get("iteration") == 6)
 
 

@@ -12,6 +12,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from pmpnbp.settings import Method, SessionOptions
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Coordinate = Annotated[float, Field(allow_inf_nan=False, ge=-1e3, le=1e3, description="metres")]
+UnitComponent = Annotated[float, Field(allow_inf_nan=False, ge=-1.001, le=1.001)]
 Until = Literal["iterations", "converged", "certain"]
 State = Literal["paused", "waiting", "running", "failed", "recorded"]
 Certain = Annotated[
@@ -129,6 +131,47 @@ class AddScanRequest(Body):
     """A further view."""
 
     scan_id: str = Field(description="id of the scan", max_length=64, examples=["0123456789abcdef"])
+
+
+class PositionBody(Body):
+    """A point, metres."""
+
+    x: Coordinate
+    y: Coordinate
+    z: Coordinate
+
+
+class OrientationBody(Body):
+    """A unit quaternion."""
+
+    x: UnitComponent
+    y: UnitComponent
+    z: UnitComponent
+    w: UnitComponent
+
+
+class PoseBody(Body):
+    """A pose in world."""
+
+    position: PositionBody
+    orientation: OrientationBody
+
+
+class ViewBody(Body):
+    """A place that a camera could look from."""
+
+    pose: PoseBody = Field(description="pose_world_camera, optical: x right, y down, z forward")
+    cost: float = Field(1.0, gt=0, le=1e6, allow_inf_nan=False, description="what it takes to get there")
+
+
+class DecisionRequest(Body):
+    """What a planner wants to act on, and from where it could look instead."""
+
+    links: list[str] | None = Field(None, min_length=1, max_length=1000, description="names; default: all")
+    max_std: float | None = Field(None, gt=0, le=1e6, description="metres; default: the session's")
+    views: list[ViewBody] | None = Field(
+        None, min_length=1, max_length=100, description="ranked in the answer; default: views around the object"
+    )
 
 
 class Progress(BaseModel):

@@ -240,8 +240,9 @@ class Trace(BaseModel):
 class View(BaseModel):
     """A place to look from."""
 
-    pose: Pose
-    expected_gain_nats: float = Field(description="information that a scan from there is expected to bring")
+    pose: Pose = Field(description="pose_world_camera, optical: x right, y down, z forward")
+    cost: float = Field(description="what it takes to get there, as the planner gave it, or 1")
+    expected_gain_nats: float = Field(description="how much less there is to know of the links after a scan from there")
     expected_std_xyz: dict[str, list[float]] = Field(description="by link, metres, after such a scan")
 
 
@@ -258,4 +259,4 @@ class Decision(BaseModel):
     max_std: float = Field(description="metres, up to which a link is certain")
     links: list[str] = Field(description="the links that were asked about")
     blocking: list[str] = Field(description="those of them that are not certain")
-    views: list[View] = Field(description="where to look from next, best first; empty in this version")
+    views: list[View] = Field(description="where to look from next, best first; empty where to act")

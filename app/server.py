@@ -15,6 +15,7 @@ from app import documentation, problems, warm_up
 from app.pictures.pictures import Pictures
 from app.rate_limit import RateLimit, Traffic
 from app.routes import (
+    decisions,
     events,
     graph,
     health,
@@ -48,6 +49,7 @@ ROUTERS = (
     samples.router,
     graph.router,
     results.router,
+    decisions.router,
     particles.router,
     pictures.router,
     events.router,

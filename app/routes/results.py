@@ -18,7 +18,7 @@ from app import schemas_results as schemas
 from app.documentation import BINARY, answer
 from app.particle_files import MEDIA_TYPES, Format, written
 from app.problems import HttpProblem, responses
-from app.routes.parameters import Iteration, Link, SessionId, check_links, find_source, read, sessions_of
+from app.routes.parameters import Iteration, Link, SessionId, find_source, read, sessions_of
 from app.routes.recordings import MEDIA_TYPE
 from app.sessions.source import Source
 from app.store.store import safe_name
@@ -27,7 +27,6 @@ from pmpnbp.geometry import poses
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.snapshot import Snapshot
 from pmpnbp.scene.articulated_object import parts_of_links
-from pmpnbp.settings import SessionOptions
 
 router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"])
 
@@ -217,61 +216,6 @@ def get_trace(
     rows = ",".join(found)
     head = json_bytes({"session_id": session.id, "changes": session.changes()})[:-1].decode()
     return Response(f'{head},"iterations":[{rows}]}}'.encode(), media_type="application/json")
-
-
-@router.get(
-    "/decision",
-    response_model=schemas.Decision,
-    summary="Act, or look again?",
-    responses=responses(409, status_404="The session or a link is not here."),
-)
-def get_decision(
-    session_id: SessionId,
-    request: Request,
-    links: Annotated[
-        str | None, Query(description="names of the links, separated by commas; default: all", examples=["drawer3"])
-    ] = None,
-    max_std: Annotated[
-        float | None,
-        Query(gt=0, le=1e6, description="metres; default: the session's", examples=[SessionOptions.max_std]),
-    ] = None,
-) -> Any:
-    """By the newest iteration: act where every asked link is certain, no_fit where what should be seen is not seen,
-    else look. The posterior is read out for it, where the inference is not at rest; during the search there is none,
-    and nothing to act on."""
-    session, snapshot = read(request, session_id)
-    snapshot = snapshot.read_out
-    names = snapshot.problem.mrf.model.links
-    asked = [*names] if links is None else list(dict.fromkeys(links.split(",")))
-    check_links(snapshot, asked)
-    limit = snapshot.criteria.max_std if max_std is None else max_std
-    certain = snapshot.placed.certain(limit)
-    blocking = [link for link in asked if not certain[names.index(link)]]
-    action, reason = _action(snapshot, blocking, limit)
-    return {
-        "session_id": session.id,
-        "iteration": snapshot.iteration,
-        "action": action,
-        "reason": reason,
-        "certain": not blocking,
-        "max_std": limit,
-        "links": asked,
-        "blocking": blocking,
-        "views": [],
-    }
-
-
-def _action(snapshot: Snapshot, blocking: list[str], max_std: float) -> tuple[str, str]:
-    """What to do, and why."""
-    posterior = snapshot.placed.posterior
-    if posterior is None:
-        return "look", f"iteration {snapshot.iteration} is of the search: nothing says yet how sure that is"
-    if posterior.fit.verdict != "good":
-        return "no_fit", posterior.fit.reason
-    if not blocking:
-        return "act", f"every asked link is known to {1000 * max_std:g} mm; {posterior.fit.reason}"
-    named = ", ".join(blocking[:3]) + (" and others" if len(blocking) > 3 else "")
-    return "look", f"{named} may be off by more than {1000 * max_std:g} mm"
 
 
 @router.get(

@@ -59,6 +59,9 @@ SWEEPS = 3
 HOPELESS = 0.5
 # Rivals contest the best one where their score is worse by a smaller share.
 CLOSE = 0.15
+# What looks like a best one that nothing contests; for how many rounds that is polished, at so many times the last
+# tolerance and then at that.
+UNCONTESTED, UNCONTESTED_ROUNDS, LOOSE = 2, 4, 2.0
 
 
 @dataclass(frozen=True)
@@ -202,16 +205,19 @@ def _promising(problem: Problem, tried: Hypotheses, score: Array, plan: Schedule
 def _contested(
     rng: np.random.Generator, problem: Problem, rivals: Hypotheses, score: Array, plan: Schedule, effort: Settling
 ) -> tuple[Hypotheses, Array]:
-    """Rivals and their scores (H,); where several places of the root come near the best, also what looks like these,
-    and these with a joint elsewhere, polished as long: of places that are nearly as good as each other none may be the
-    right one."""
+    """Rivals and their scores (H,), and what looks like the best of them, polished as well: of two places that look the
+    same the right one may have been lost on the way. Where several places of the root come near the best, also what
+    looks like these, and these with a joint elsewhere, polished as long: none of them may be the right one."""
     order = np.argsort(-score, kind="stable")
     by_root = replace(rivals, unary=np.where(np.arange(problem.mrf.nodes) == 0, rivals.unary, 0.0))
     apart, _ = distinct(problem, by_root, order, len(order), plan.diffusion_position)
     close = apart[score[apart] >= score.max() - CLOSE * abs(score.max())]
-    if len(close) == 1:
-        return rivals, score
     near = rivals.taken(close)
+    if len(close) == 1:
+        others = look_alikes(rng, problem, near, plan, UNCONTESTED)
+        others, _ = _polished(rng, problem, others, plan, LOOSE * plan.tolerance, UNCONTESTED_ROUNDS)
+        others, reached = _polished(rng, problem, others, plan, plan.tolerance, UNCONTESTED_ROUNDS)
+        return rivals.joined(others), np.concatenate([score, reached])
     others = look_alikes(rng, problem, near, plan, effort.rivals)
     others = others.joined(_with_a_joint_elsewhere(rng, problem, near, plan, effort.rivals))
     others, reached = _polished(rng, problem, others, plan, plan.tolerance, effort.last_rounds)

@@ -316,14 +316,70 @@ def test_the_decision_is_to_act_where_all_asked_links_are_certain(client: httpx.
     limit = worst[ordered[3]]
     found = client.get(f"{rested}/decision?max_std={limit}").json()
     Decision.model_validate(found)
-    assert (found["action"], found["certain"], found["views"]) == ("look", False, [])
+    assert (found["action"], found["certain"], len(found["views"])) == ("look", False, 6)
     assert set(found["blocking"]) == {name for name in worst if worst[name] > limit} != set()
+    for view in found["views"]:
+        assert set(view["expected_std_xyz"]) == set(found["blocking"]) and view["expected_gain_nats"] >= 0
     assert found["reason"].startswith(found["blocking"][0]) and "may be off by more than" in found["reason"]
     asked = ",".join(ordered[:2])
     found = client.get(f"{rested}/decision?links={asked}&max_std={limit}").json()
     assert (found["action"], found["certain"], found["blocking"], found["links"]) == ("act", True, [], ordered[:2])
-    assert "the scan confirms" in found["reason"]
+    assert "the scan confirms" in found["reason"] and found["views"] == []
     assert client.get(f"{rested}/decision").json()["max_std"] == 0.0025
+
+
+def test_a_planner_s_own_views_are_ranked_by_what_they_tell_over_their_cost(client: httpx.Client, rested: str) -> None:
+    offered = client.get(f"{rested}/decision?max_std=1e-6").json()["views"]
+    turned_away = json.loads(json.dumps(offered[0]["pose"]))
+    turned_away["position"]["z"] += 30.0  # nothing of the object is in sight
+    dear = {"pose": offered[0]["pose"], "cost": 1000.0}
+    body = {
+        "links": ["drawer1", "frame"],
+        "max_std": 1e-6,
+        "views": [{"pose": turned_away}, {"pose": offered[0]["pose"]}],
+    }
+    found = client.post(f"{rested}/decision", json=body).json()
+    Decision.model_validate(found)
+    assert found["action"] == "look" and found["links"] == ["drawer1", "frame"] and len(found["views"]) == 2
+    best, worst = found["views"]
+    assert best["pose"]["position"]["z"] < worst["pose"]["position"]["z"]
+    assert worst["expected_gain_nats"] == 0.0
+    assert client.post(f"{rested}/decision", json={"views": [dear]}).json()["views"][0]["cost"] == 1000.0
+    # where to look is told although there is nothing to look for, when it was asked
+    assert client.post(f"{rested}/decision", json={"max_std": 1000, "views": [dear]}).json()["action"] == "act"
+
+
+@pytest.mark.parametrize(
+    ("body", "text"),
+    [
+        ({"links": ["door"]}, "link 'door' is not in the model"),
+        ({"links": []}, "links"),
+        ({"max_std": 0}, "max_std"),
+        ({"views": []}, "views"),
+        ({"views": [{"pose": {}}]}, "position"),
+        (
+            {
+                "views": [
+                    {"pose": {"position": {"x": 0, "y": 0, "z": 1e9}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}}
+                ]
+            },
+            "z",
+        ),
+        (
+            {
+                "views": [
+                    {"pose": {"position": {"x": 0, "y": 0, "z": 1}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 0.5}}}
+                ]
+            },
+            "a view's orientation has length 0.5; expected a unit quaternion x, y, z, w",
+        ),
+    ],
+)
+def test_what_is_no_decision_to_make_is_told(
+    client: httpx.Client, rested: str, body: dict[str, Any], text: str
+) -> None:
+    answer = client.post(f"{rested}/decision", json=body)
+    problem(answer, 404 if body.get("links") == ["door"] else 422, text)
 
 
 def test_during_the_search_the_decision_is_to_look(client: httpx.Client) -> None:

@@ -1,0 +1,135 @@
+"""Decisions: act on the estimate, look again and from where, or is the object not there?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import numpy as np
+from fastapi import APIRouter, Query, Request
+
+from app import schemas_results as schemas
+from app.problems import HttpProblem, responses
+from app.routes.parameters import SessionId, check_links, read
+from app.schemas import DecisionRequest
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.readout.result import pose_members
+from pmpnbp.readout.snapshot import Snapshot
+from pmpnbp.readout.view_planning import PlannedView, around, ranked
+from pmpnbp.settings import SessionOptions
+
+router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"])
+
+# Views that are told, of those that are tried around the object.
+_TOLD = 6
+
+
+@router.get(
+    "/decision",
+    response_model=schemas.Decision,
+    summary="Act, or look again, and from where?",
+    responses=responses(409, status_404="The session or a link is not here."),
+)
+def get_decision(
+    session_id: SessionId,
+    request: Request,
+    links: Annotated[
+        str | None, Query(description="names of the links, separated by commas; default: all", examples=["drawer3"])
+    ] = None,
+    max_std: Annotated[
+        float | None,
+        Query(gt=0, le=1e6, description="metres; default: the session's", examples=[SessionOptions.max_std]),
+    ] = None,
+) -> Any:
+    """By the newest iteration: act where every asked link is certain, no_fit where what should be seen is not seen,
+    else look, with views from around the object, that tell most first. The posterior is read out for it, where the
+    inference is not at rest; during the search there is none, and nothing to act on."""
+    asked = None if links is None else list(dict.fromkeys(links.split(",")))
+    return _decided(session_id, request, asked, max_std, None)
+
+
+@router.post(
+    "/decision",
+    response_model=schemas.Decision,
+    summary="Act, or from which of these places to look again?",
+    responses=responses(409, status_404="The session or a link is not here."),
+)
+def post_decision(session_id: SessionId, request: Request, body: DecisionRequest) -> Any:
+    """The same with the planner's own views, each with a camera's pose in world and what it costs to get there: they
+    are ranked by what they are expected to tell over their cost."""
+    views = None if body.views is None else [PlannedView(_pose(view.pose), view.cost) for view in body.views]
+    asked = None if body.links is None else list(dict.fromkeys(body.links))
+    return _decided(session_id, request, asked, body.max_std, views)
+
+
+def _decided(
+    session_id: str,
+    request: Request,
+    links: Sequence[str] | None,
+    max_std: float | None,
+    views: Sequence[PlannedView] | None,
+) -> dict[str, Any]:
+    session, snapshot = read(request, session_id)
+    snapshot = snapshot.read_out
+    names = snapshot.problem.mrf.model.links
+    asked = [*names] if links is None else [*links]
+    check_links(snapshot, asked)
+    limit = snapshot.criteria.max_std if max_std is None else max_std
+    certain = snapshot.placed.certain(limit)
+    blocking = [link for link in asked if not certain[names.index(link)]]
+    action, reason = _action(snapshot, blocking, limit)
+    wanted = action == "look" or views is not None
+    return {
+        "session_id": session.id,
+        "iteration": snapshot.iteration,
+        "action": action,
+        "reason": reason,
+        "certain": not blocking,
+        "max_std": limit,
+        "links": asked,
+        "blocking": blocking,
+        "views": _views(snapshot, blocking or asked, views) if wanted else [],
+    }
+
+
+def _action(snapshot: Snapshot, blocking: list[str], max_std: float) -> tuple[str, str]:
+    """What to do, and why."""
+    posterior = snapshot.placed.posterior
+    if posterior is None:
+        return "look", f"iteration {snapshot.iteration} is of the search: nothing says yet how sure that is"
+    if posterior.fit.verdict != "good":
+        return "no_fit", posterior.fit.reason
+    if not blocking:
+        return "act", f"every asked link is known to {1000 * max_std:g} mm; {posterior.fit.reason}"
+    named = ", ".join(blocking[:3]) + (" and others" if len(blocking) > 3 else "")
+    return "look", f"{named} may be off by more than {1000 * max_std:g} mm"
+
+
+def _views(snapshot: Snapshot, links: Sequence[str], views: Sequence[PlannedView] | None) -> list[dict[str, Any]]:
+    """The views, or the best of those around the object, by what they are expected to tell of the links."""
+    posterior, problem = snapshot.placed.posterior, snapshot.problem.taking(snapshot.report.nuisances)
+    if posterior is None or not problem.observation.views:
+        return []
+    names = problem.mrf.model.links
+    tried = around(problem, posterior) if views is None else views
+    found = ranked(problem, posterior, [names.index(link) for link in links], tried)
+    return [
+        {
+            "pose": pose_members(one.view.pose),
+            "cost": one.view.cost,
+            "expected_gain_nats": one.gain,
+            "expected_std_xyz": dict(zip(links, one.std_xyz.tolist(), strict=True)),
+        }
+        for one in (found[:_TOLD] if views is None else found)
+    ]
+
+
+def _pose(members: Any) -> Array:
+    """(7,). HttpProblem 422 where the orientation is none."""
+    place, turn = members.position, members.orientation
+    pose = np.array([place.x, place.y, place.z, turn.w, turn.x, turn.y, turn.z])
+    length = float(np.linalg.norm(pose[3:]))
+    if abs(length - 1) > 1e-3:
+        raise HttpProblem(422, f"a view's orientation has length {length:.4g}; expected a unit quaternion x, y, z, w")
+    return poses.normalise(pose)

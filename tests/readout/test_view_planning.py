@@ -1,0 +1,96 @@
+"""Where to look next: a drawer that is hidden from here is best seen from where its side shows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference import problem as problems
+from pmpnbp.inference import run
+from pmpnbp.inference.problem import Problem
+from pmpnbp.readout.posterior import Posterior, of_estimate
+from pmpnbp.readout.view_planning import PlannedView, around, looking_at, ranked
+from pmpnbp.scene.prior import UniformPrior
+from tests.inference import small_worlds as worlds
+
+MODEL = worlds.cupboard()
+ROOT, JOINTS = worlds.cupboard_truth()
+MIDDLE = poses.transform_points(ROOT, np.array([0.0, 0.0, 0.2]))
+DRAWER = MODEL.links.index("link1")
+# its front, and the closed back behind which the drawer may be anywhere
+FRONT, BACK = (poses.rotate(ROOT[3:], np.array([side, 0.2, 0.3])) for side in (1.0, -1.0))
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    camera = worlds.camera_at(MIDDLE + 1.3 * BACK, MIDDLE)
+    return problems.build(
+        MODEL, worlds.seen(MODEL, ROOT, JOINTS, camera), UniformPrior("upright"), worlds.settings(), particles=20
+    )
+
+
+@pytest.fixture(scope="module")
+def posterior(problem: Problem) -> Posterior:
+    _, made = run.begin(problem)
+    report = replace(
+        made, iteration=9, stage="belief propagation", map_poses=MODEL.part_poses(ROOT, JOINTS), map_joints=JOINTS
+    )
+    return of_estimate(problem, report)
+
+
+def view(direction: Array, distance: float = 1.3, cost: float = 1.0) -> PlannedView:
+    return PlannedView(looking_at(MIDDLE + distance * direction, MIDDLE, worlds.UP), cost)
+
+
+def test_the_view_that_shows_the_hidden_drawer_comes_first(problem: Problem, posterior: Posterior) -> None:
+    best, worst = ranked(problem, posterior, [DRAWER], [view(BACK), view(FRONT)])
+    np.testing.assert_array_equal(best.view.pose, view(FRONT).pose)
+    assert best.gain > 2.0 > 0.5 > worst.gain
+    hidden = posterior.drawn_joints[:, 0].std()
+    assert hidden > 0.03
+    assert best.std_xyz.max() < 0.02 < worst.std_xyz.max()
+
+
+def test_a_view_is_worth_less_the_more_it_costs(problem: Problem, posterior: Posterior) -> None:
+    cheap, dear = ranked(problem, posterior, [DRAWER], [view(FRONT, cost=50.0), view(FRONT, 1.5)])
+    assert (cheap.view.cost, dear.view.cost) == (1.0, 50.0)
+    assert cheap.gain == pytest.approx(dear.gain, rel=0.3)
+
+
+def test_what_stands_before_it_blocks_the_sight(problem: Problem, posterior: Posterior) -> None:
+    """A board between the camera and the drawer, measured by another camera: as points of the scan."""
+    eye = MIDDLE + 1.3 * FRONT
+    other = worlds.camera_at(eye + 0.4 * FRONT, MIDDLE)
+    board = np.full((other.height, other.width), 0.8, dtype=np.float32)
+    seen = problem.observation.views[0]
+    normals = np.zeros((*board.shape, 3), dtype=np.float32)
+    blocking = replace(seen, camera=other, depth=board, category=np.ones_like(board, dtype=np.uint8), normals=normals)
+    both = replace(problem, observation=replace(problem.observation, views=(seen, blocking)))
+    (open_view,) = ranked(problem, posterior, [DRAWER], [view(FRONT)])
+    (blocked,) = ranked(both, posterior, [DRAWER], [view(FRONT)])
+    assert open_view.gain > 2.0 and blocked.gain < 1e-9
+
+
+def test_views_around_look_at_the_object_from_the_camera_s_distance(problem: Problem, posterior: Posterior) -> None:
+    views = around(problem, posterior)
+    eyes = np.array([one.pose[:3] for one in views])
+    middle = (eyes.max(axis=0) + eyes.min(axis=0)) / 2
+    # about the middle of all parts, the open drawer's too
+    assert np.linalg.norm(middle[:2] - MIDDLE[:2]) < 0.25 and len(views) >= 20
+    distances = np.linalg.norm(eyes - MIDDLE, axis=1)
+    assert np.ptp(distances) < 0.5 and np.all(eyes[:, 2] > MIDDLE[2])
+    for one in views:
+        ahead = poses.rotate(one.pose[3:], np.array([0.0, 0.0, 1.0]))
+        aside = (MIDDLE - one.pose[:3]) - ((MIDDLE - one.pose[:3]) @ ahead) * ahead
+        assert np.linalg.norm(aside) < 0.25
+        right = poses.rotate(one.pose[3:], np.array([1.0, 0.0, 0.0]))
+        assert abs(right @ worlds.UP) < 1e-9  # level
+
+
+def test_the_same_posterior_gives_the_same_ranking(problem: Problem, posterior: Posterior) -> None:
+    once, again = (ranked(problem, posterior, [DRAWER], around(problem, posterior)) for _ in range(2))
+    assert [one.gain for one in once] == [one.gain for one in again]

@@ -92,7 +92,8 @@ class Run:
 def study(arguments: argparse.Namespace) -> Iterator[Run]:
     """All runs, easy ones first."""
     chosen = options.settings(arguments)
-    seeds = range(0 if arguments.tuning else 1, 2 * arguments.seeds, 2)
+    first = arguments.first + (not arguments.tuning)
+    seeds = range(first, first + 2 * arguments.seeds, 2)
     warm = False
     with tempfile.TemporaryDirectory() as parent:
         for seed in seeds:
@@ -266,6 +267,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser = options.parser("whether the posterior can be trusted", seeds=5, iterations=60)
     parser.add_argument("--families", nargs="*", choices=list(FAMILIES), default=list(FAMILIES)[:-1])
     parser.add_argument("--tuning", action="store_true", help="the even seeds, that constants may be chosen on")
+    parser.add_argument("--first", type=int, default=0, help="an even number that the seeds begin from (default 0)")
     parser.add_argument("--no-easy", dest="easy", action="store_false", help="hard scenes only")
     print(report(list(study(parser.parse_args(words)))))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import hard
+from benchmarks import belief, hard
 from benchmarks.hard_scenes import FAMILIES, hard_scene
 from pmpnbp.scene.urdf import load_model
 from sample_data.rendering import posed
@@ -45,3 +45,20 @@ def test_the_study_reports_by_family(capsys: pytest.CaptureFixture[str]) -> None
     hard.main([*words, "--particles", "50"])
     printed = capsys.readouterr().out
     assert "| open_laptop | " in printed and "| all | " in printed
+
+
+def test_the_belief_of_present_wrong_and_absent_objects_is_judged(capsys: pytest.CaptureFixture[str]) -> None:
+    short = ["--seeds", "1", "--no-easy", "--iterations", "1", "--particles", "40", "--config", "search_proposals=300"]
+    belief.main([*short, "--families", "organiser", "pliers"])
+    tables = capsys.readouterr().out.split("\n\n")
+    assert [table.splitlines()[0].split(" | ")[0] for table in tables[:4]] == [
+        "| parts",
+        "| joints of",
+        "| what",
+        "| runs",
+    ]
+    counts = {row.split(" | ")[0]: row.split(" | ")[1] for row in tables[0].splitlines()[2:]}
+    assert counts["| hard, seen"] == "5" and counts["| easy, seen"] == "0"
+    fits = {row.split(" | ")[0][2:]: row for row in tables[3].splitlines()[2:]}
+    assert "of 2," in fits["wrong model"] and "of 2," in fits["absent"]
+    assert tables[4].startswith("Posterior over inference: ")

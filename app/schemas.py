@@ -111,7 +111,9 @@ class RunRequest(Body):
         examples=[100],
     )
     until: Until = Field(
-        "iterations", description="stop before that as soon as the inference is at rest, or every link certain"
+        "iterations",
+        description="stop before that as soon as the inference is at rest, or every link certain; what stays at rest "
+        "will not become certain, and stops, too",
     )
 
 
@@ -144,10 +146,10 @@ class PositionBody(Body):
 class OrientationBody(Body):
     """A unit quaternion."""
 
-    x: UnitComponent
-    y: UnitComponent
-    z: UnitComponent
-    w: UnitComponent
+    x: UnitComponent = Field(description="the vector part along x")
+    y: UnitComponent = Field(description="the vector part along y")
+    z: UnitComponent = Field(description="the vector part along z")
+    w: UnitComponent = Field(description="the scalar part")
 
 
 class PoseBody(Body):

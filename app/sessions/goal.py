@@ -18,6 +18,9 @@ class Goal:
     done: Future[None] = field(default_factory=Future)
 
     def reached(self, newest: Snapshot, changed: bool) -> bool:
-        """Whether nothing is left to do; `changed` since `newest`, the inference is neither at rest nor certain."""
-        so = (self.until == "converged" and newest.converged) or (self.until == "certain" and newest.certain)
+        """Whether nothing is left to do; `changed` since `newest`, the inference is neither at rest nor certain. One
+        that stays at rest will not become certain: its posterior is the one that it had."""
+        told = newest.placed.posterior
+        stays = newest.converged and told is not None and told.iteration < newest.iteration
+        so = (self.until == "converged" and newest.converged) or (self.until == "certain" and (newest.certain or stays))
         return (so and not changed) or newest.iteration >= self.last

@@ -250,7 +250,7 @@ def decision_section(found: Mapping[str, Mapping[str, Outcomes]]) -> str:
             "",
             f"{TASK} is to be opened. The robot acts where the standard deviation of its position is at most "
             f"{100 * MAX_STD:.2f} cm along each axis. That of the belief's particles follows the algorithm's own "
-            "diffusion; that of draws given the scan is of the posterior of the whole object, sampled by Markov chains "
+            "diffusion; that of draws given the scan is of the posterior of the whole object, as a result tells it "
             '(docs/algorithm.md, "How sure one can be").',
             "",
             markdown(header, rows),

@@ -275,6 +275,15 @@ def test_the_posterior_stays_while_the_estimate_does(client: httpx.Client, reste
     assert rows[-2]["std_xyz"] == {link: again["links"][link]["std_xyz"] for link in LINKS}
 
 
+def test_a_run_until_certain_ends_when_it_is_or_when_it_will_not_be(client: httpx.Client, rested: str) -> None:
+    config = {"search_iterations": 4, "search_proposals": 1500, "search_islands": 10}
+    for limit, certain in ((1.0, True), (1e-6, False)):
+        path = small.create(client, config=config, max_std=limit)
+        client.post(f"{path}/run", json={"iterations": 5000, "until": "certain"})
+        found = small.at_rest(client, path)
+        assert found["converged"] and found["certain"] == certain and found["iteration"] < 200
+
+
 def test_a_posterior_is_read_out_where_it_is_asked_for(client: httpx.Client, path: str) -> None:
     plain = client.get(f"{path}/estimate").json()
     asked = client.get(f"{path}/estimate?posterior=true").json()

@@ -135,7 +135,7 @@ def test_an_experiment_is_made_and_written_down(
     monkeypatch.setattr(experiment, "spread", spread if name == "push" else run_here)
     for key, variant in scene_runs.VARIANTS.items():
         monkeypatch.setitem(scene_runs.VARIANTS, key, replace(variant, config=SEARCHED | dict(variant.config)))
-    monkeypatch.setattr(object_posterior, "ROUNDS", (20, 20))
+    monkeypatch.setattr(object_posterior, "ROUNDS", 2)
     own, tables, pictures, claims = EXPERIMENTS[name]
     command = ["reproduce", "robot" if own else name, *SHORT, *own, "--out", str(tmp_path / "found")]
     out = tmp_path / "found"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.tree_table import tree_table
 from pmpnbp.potentials.kernels import kinematics
@@ -96,6 +97,15 @@ class Mrf:
             out,
         )
         return out
+
+
+def part_motions(mrf: Mrf, before: Array, after: Array) -> Array:
+    """(..., N) metres that each part's middle moves between part poses (N, 7) and (..., N, 7), and by turning its
+    rim."""
+    middle = poses.transform_points(after, mrf.centres) - poses.transform_points(before, mrf.centres)
+    turned = poses.rotation_angle(after[..., 3:], before[..., 3:])
+    found: Array = np.linalg.norm(middle, axis=-1) + mrf.radii * turned
+    return found
 
 
 def build(model: ArticulatedObject) -> Mrf:

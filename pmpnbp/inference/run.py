@@ -8,10 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import belief_propagation, global_search, initialisation, particle_filter
 from pmpnbp.inference.belief import IterationReport, State
+from pmpnbp.inference.mrf import part_motions
 from pmpnbp.inference.problem import Problem
 
 
@@ -122,6 +122,4 @@ def converged(reports: Sequence[IterationReport], problem: Problem) -> bool:
 
 def motion(problem: Problem, before: Array, after: Array) -> float:
     """The largest distance that any part's middle or rim has moved between part poses (N, 7), metres."""
-    middle = poses.transform_points(after, problem.mrf.centres) - poses.transform_points(before, problem.mrf.centres)
-    turned = poses.rotation_angle(before[:, 3:], after[:, 3:])
-    return float(np.max(np.linalg.norm(middle, axis=-1) + problem.mrf.radii * turned))
+    return float(part_motions(problem.mrf, before, after).max())

@@ -19,6 +19,8 @@ from scipy.special import gammaln, logsumexp
 from pmpnbp.geometry.poses import Array
 
 FREEDOM = 5.0
+# Of a coordinate of a proposal: what is narrower is one number, and has no inverse.
+LEAST_VARIANCE = 1e-14
 # Weights are tempered until this share of all draws counts, before mean and covariance are taken from them.
 EFFECTIVE_SHARE = 0.1
 # A coordinate within so many standard deviations of a limit is folded there; as many coordinates at most, as each
@@ -122,12 +124,11 @@ class Proposal:
 @dataclass(frozen=True)
 class WeightedDraws:
     """rows : (C, P); log_weights : (C,), their exponentials sum to 1; log_integral : of the density over all
-    coordinates; proposal : the next round's."""
+    coordinates."""
 
     rows: Array
     log_weights: Array
     log_integral: float
-    proposal: Proposal
 
 
 def adaptive_importance(
@@ -152,8 +153,8 @@ def adaptive_importance(
         proposal = _refitted(proposal, rows, log_weights)
     total = float(logsumexp(log_weights))
     if not np.isfinite(total):
-        return WeightedDraws(rows, np.full(len(rows), -np.log(len(rows))), -np.inf, proposal)
-    return WeightedDraws(rows, log_weights - total, total - np.log(len(rows)), proposal)
+        return WeightedDraws(rows, np.full(len(rows), -np.log(len(rows))), -np.inf)
+    return WeightedDraws(rows, log_weights - total, total - np.log(len(rows)))
 
 
 def effective_sample_size(log_weights: Array) -> float:
@@ -175,6 +176,7 @@ def _refitted(proposal: Proposal, rows: Array, log_weights: Array) -> Proposal:
     mean = weights @ rows
     spread = np.einsum("c,cp,cq->pq", weights, rows - mean, rows - mean)
     covariance = (effective * spread + dimensions * proposal.covariance) / (effective + dimensions)
+    covariance += LEAST_VARIANCE * np.eye(dimensions)
     return Proposal(mean, covariance, proposal.lower, proposal.upper, proposal.grids)
 
 

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
+from pmpnbp.inference.mrf import part_motions
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import agreeing, polish
 from pmpnbp.readout.fit import Fit, assess
@@ -31,8 +31,8 @@ from pmpnbp.scene.articulated_object import ArticulatedObject, parts_of_links
 MODES, LEAST_WEIGHT = 6, 1e-4
 # A rival is polished where its score is worse than the estimate's by a smaller share, and drawn from where it is then
 # worse by fewer nats: a broad mode may make up for some.
-CLOSE, NATS = 0.3, 15.0
-POLISH_ROUNDS = 6
+CLOSE, NATS = 0.2, 15.0
+POLISH_ROUNDS = 3
 # Two places are one mode where every part's middle and rim are nearer than this, metres, or than so many of its
 # standard deviations.
 SAME, DEVIATIONS = 0.01, 4.0
@@ -233,10 +233,7 @@ def motions(problem: Problem, root: Array, joints: Array, roots: Array, others: 
 def _part_motions(problem: Problem, root: Array, joints: Array, roots: Array, others: Array) -> Array:
     """(C, N): the same of each part."""
     mrf = problem.mrf
-    before, after = mrf.part_poses(root, joints), mrf.part_poses(roots, others)
-    middle = poses.transform_points(after, mrf.centres) - poses.transform_points(before, mrf.centres)
-    turned = poses.rotation_angle(after[..., 3:], before[:, 3:])
-    return np.linalg.norm(middle, axis=-1) + mrf.radii * turned
+    return part_motions(mrf, mrf.part_poses(root, joints), mrf.part_poses(roots, others))
 
 
 def _log_room(draws: ModeDraws) -> float:

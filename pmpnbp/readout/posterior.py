@@ -113,6 +113,8 @@ class Spread:
         `std_xyz`, nor its `expected_add`, is above `max_std`, metres."""
         std = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2)[:, :3]).max(axis=1)
         rivals = np.array([mode.weight > DOUBT for mode in posterior.modes])
+        # the mode that the estimate is of is not elsewhere; how far the estimate is from it counts as spread
+        rivals[np.argmin(self.moved.max(axis=1))] = False
         elsewhere = np.any(rivals[:, None] & (self.moved > max_std), axis=0)
         narrow = (std <= max_std) & ~(self.expected_add > max_std)
         found: NDArray[np.bool_] = posterior.told & narrow & ~elsewhere

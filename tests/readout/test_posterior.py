@@ -128,3 +128,13 @@ def test_too_few_draws_that_count_or_a_bad_fit_are_nothing_to_build_on(problem: 
     assert found.told and found.effective_sample_size > FEWEST_DRAWS
     assert not replace(found, effective_sample_size=FEWEST_DRAWS / 2).told
     assert not replace(found, fit=replace(found.fit, verdict="doubtful")).told
+
+
+def test_an_estimate_that_has_moved_a_little_since_is_not_elsewhere_than_its_own_mode(problem: Problem) -> None:
+    """At rest it moves by less than a millimetre, which may be more than the limit that was asked for."""
+    found = of_estimate(problem, report(problem))
+    moved = poses.multiply(ROOT, at(0.0, 0.0004, 0.0))
+    told = spread(problem, found, moved, SHUT)
+    limit = max(float(np.sqrt(np.diagonal(told.covariances, axis1=1, axis2=2)[:, :3]).max()), told.expected_add.max())
+    assert told.certain(found, limit).all()
+    assert not told.certain(found, limit / 3).any()

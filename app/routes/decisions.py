@@ -14,6 +14,7 @@ from app.routes.parameters import SessionId, check_links, read
 from app.schemas import DecisionRequest
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
+from pmpnbp.readout.fit import some_of
 from pmpnbp.readout.result import pose_members
 from pmpnbp.readout.snapshot import Snapshot
 from pmpnbp.readout.view_planning import PlannedView, around, ranked
@@ -102,8 +103,7 @@ def _action(snapshot: Snapshot, blocking: list[str], max_std: float) -> tuple[st
         return "no_fit", posterior.fit.reason
     if not blocking:
         return "act", f"every asked link is known to {1000 * max_std:g} mm; {posterior.fit.reason}"
-    named = ", ".join(blocking[:3]) + (" and others" if len(blocking) > 3 else "")
-    return "look", f"{named} may be off by more than {1000 * max_std:g} mm"
+    return "look", f"{some_of(blocking)} may be off by more than {1000 * max_std:g} mm"
 
 
 def _views(snapshot: Snapshot, links: Sequence[str], views: Sequence[PlannedView] | None) -> list[dict[str, Any]]:

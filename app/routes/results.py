@@ -144,8 +144,7 @@ def get_posterior(
     posterior, model = snapshot.placed.posterior, snapshot.problem.mrf.model
     if posterior is None:
         raise HttpProblem(404, f"iteration {snapshot.iteration} ({snapshot.report.stage}) has no posterior")
-    joints = posterior.drawn_joints
-    draws = model.link_poses(model.part_poses(posterior.drawn_roots, joints), joints)[:, model.links.index(link)]
+    draws = posterior.link_poses(model)[:, model.links.index(link)]
     members = _members(session, snapshot) | {"link": link, "posterior_iteration": posterior.iteration}
     columns = {"log_weights": posterior.log_weights, "mode": posterior.mode}
     return _file(f"{link}-{snapshot.iteration}-posterior", written(members, draws, columns, form), form)

@@ -320,10 +320,7 @@ def _joint_estimate(joint: Joint, placed: Placement, told: Spread | None) -> Joi
 
 
 def _alternatives(model: ArticulatedObject, posterior: Posterior) -> tuple[Alternative, ...]:
-    return tuple(
-        Alternative(mode.weight, model.link_poses(model.part_poses(mode.root, mode.joints), mode.joints), mode.joints)
-        for mode in posterior.modes
-    )
+    return tuple(Alternative(mode.weight, mode.link_poses(model), mode.joints) for mode in posterior.modes)
 
 
 def _number(value: float) -> float | None:

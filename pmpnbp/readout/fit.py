@@ -86,6 +86,11 @@ def assess(problem: Problem, root: Array, joints: Array) -> Fit:
     return Fit(verdict=verdict, reason=reason, explained=explained, missed=missed)
 
 
+def some_of(names: Sequence[str]) -> str:
+    """The first three of some names, as part of a sentence."""
+    return ", ".join(names[:3]) + (" and others" if len(names) > 3 else "")
+
+
 def _judged(
     explained: float, score: float, hidden: float, touching: int, confirmed: int, missed: Sequence[str]
 ) -> tuple[Verdict, str]:
@@ -102,7 +107,7 @@ def _judged(
     if stray > MUCH_TOUCHING or (stray > TOUCHING and hidden > PARTLY_HIDDEN):
         return "doubtful", f"{share}, but {touching:,} pixels of the surfaces it lies on are explained by nothing"
     if missed:
-        return "doubtful", f"{share}, but not {', '.join(missed[:3])}{' and others' if len(missed) > 3 else ''}"
+        return "doubtful", f"{share}, but not {some_of(missed)}"
     return "good", share
 
 

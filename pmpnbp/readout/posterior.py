@@ -57,6 +57,10 @@ class ObjectMode:
     root: Array
     joints: Array
 
+    def link_poses(self, model: ArticulatedObject) -> Array:
+        """(L, 7) of the model's links, in world."""
+        return model.link_poses(model.part_poses(self.root, self.joints), self.joints)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Posterior:
@@ -80,6 +84,10 @@ class Posterior:
     modes: tuple[ObjectMode, ...]
     effective_sample_size: float
     fit: Fit
+
+    def link_poses(self, model: ArticulatedObject) -> Array:
+        """(K, L, 7) of the model's links in every draw, in world."""
+        return model.link_poses(model.part_poses(self.drawn_roots, self.drawn_joints), self.drawn_joints)
 
     def even_draws(self, count: int) -> NDArray[np.int64]:
         """(count,) numbers of draws, each as often as it weighs: systematic resampling without a random offset."""
@@ -148,7 +156,7 @@ def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -
     model = problem.mrf.model
     weights = np.exp(posterior.log_weights)
     here = model.link_poses(model.part_poses(root, joints), joints)
-    drawn = model.link_poses(model.part_poses(posterior.drawn_roots, posterior.drawn_joints), posterior.drawn_joints)
+    drawn = posterior.link_poses(model)
     covariances = np.array([covariance(here[link], drawn[:, link], weights) for link in range(len(here))])
     gap = posterior.drawn_joints - joints
     gap = np.where(model.wraps, gap - 2 * np.pi * np.round(gap / (2 * np.pi)), gap)
@@ -175,10 +183,10 @@ def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -
 def link_modes(model: ArticulatedObject, posterior: Posterior) -> list[list[tuple[float, Array, Array]]]:
     """Of each link its modes, heaviest first: weight, pose (7,) in the mode's best configuration, and the covariance
     (6, 6) of the mode's draws about it, see `particle_statistics.covariance`."""
-    drawn = model.link_poses(model.part_poses(posterior.drawn_roots, posterior.drawn_joints), posterior.drawn_joints)
+    drawn = posterior.link_poses(model)
     found: list[list[tuple[float, Array, Array]]] = [[] for _ in model.links]
     for number, mode in enumerate(posterior.modes):
-        at = model.link_poses(model.part_poses(mode.root, mode.joints), mode.joints)
+        at = mode.link_poses(model)
         own = posterior.mode == number
         weights = np.exp(posterior.log_weights[own] - posterior.log_weights[own].max())
         for link, entries in enumerate(found):

@@ -9,6 +9,7 @@ import numpy as np
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.readout.estimate import Estimate, ModeEstimate
+from pmpnbp.readout.fit import some_of
 
 SCHEMA = "pmpnbp/estimate-2"
 OF_RUN = ["model", "method", "seed", "iteration", "converged", "frame_id", "stamp", "certain", "max_std", "seconds"]
@@ -37,7 +38,7 @@ def to_result(found: Estimate, truth: Mapping[str, Any] | None = None) -> dict[s
             "type": entry.joint.kind,
             "position": number_or_list(entry.position),
             "std": None if entry.std is None else number_or_list(entry.std),
-            "interval": None if entry.interval is None else _ends(entry.interval),
+            "interval": None if entry.interval is None else number_or_list(entry.interval),
             "lower": number_or_list(entry.lower),
             "upper": number_or_list(entry.upper),
             "parent": entry.joint.parent,
@@ -83,9 +84,8 @@ def verdict(result: Mapping[str, Any]) -> str:
     unsure = [name for name, link in links.items() if not link["certain"]]
     if not unsure:
         return f"Found: {result['fit_reason']}; all {len(links)} links are certain"
-    named = ", ".join(unsure[:3]) + (" and others" if len(unsure) > 3 else "")
     certain = f"{len(links) - len(unsure)} of {len(links)} links are certain"
-    return f"Found: {result['fit_reason']}; {certain}, not {named}"
+    return f"Found: {result['fit_reason']}; {certain}, not {some_of(unsure)}"
 
 
 def pose_members(pose: Array) -> dict[str, dict[str, float]]:
@@ -94,17 +94,11 @@ def pose_members(pose: Array) -> dict[str, dict[str, float]]:
     return {"position": {"x": x, "y": y, "z": z}, "orientation": {"x": qx, "y": qy, "z": qz, "w": qw}}
 
 
-def number_or_list(values: Array) -> float | list[float]:
-    """A joint's (K,) numbers as REST and result.json have them: a number where it has one axis."""
-    numbers: list[float] = values.tolist()
+def number_or_list(values: Array) -> Any:
+    """What there is of a joint's K axes, (K, ...), as REST and result.json have it: where it has one axis, of that."""
+    numbers = values.tolist()
     return numbers[0] if len(numbers) == 1 else numbers
 
 
 def _mode_members(mode: ModeEstimate) -> dict[str, Any]:
     return {"weight": mode.weight, "pose": pose_members(mode.pose), "covariance": mode.covariance.reshape(-1).tolist()}
-
-
-def _ends(interval: Array) -> list[float] | list[list[float]]:
-    """A joint's intervals (K, 2) as REST and result.json have them: one where it has one axis."""
-    numbers: list[list[float]] = interval.tolist()
-    return numbers[0] if len(numbers) == 1 else numbers

@@ -15,8 +15,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
@@ -122,14 +120,16 @@ def _touching(view: View, covered: NDArray[np.bool_], confirmed: NDArray[np.bool
 
 
 def _surfaces(depth: NDArray[np.float32], within: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """(h, w) numbers of the surfaces that pixels are on: neighbours of about one depth, both `within`, are on one."""
-    index = np.arange(depth.size).reshape(depth.shape)
-    edges = []
-    for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+    """(h, w) numbers of the surfaces that pixels are on: neighbours of about one depth, both `within`, are on one. 0 is
+    none."""
+    # pixels and, between each two of them, whether they are on one
+    joined = np.zeros((2 * depth.shape[0] - 1, 2 * depth.shape[1] - 1), dtype=np.bool_)
+    joined[::2, ::2] = within
+    for between, one, other in (
+        (np.s_[::2, 1::2], np.s_[:, :-1], np.s_[:, 1:]),
+        (np.s_[1::2, ::2], np.s_[:-1], np.s_[1:]),
+    ):
         a, b = depth[one], depth[other]
-        joined = within[one] & within[other] & (np.abs(a - b) < STEP * np.maximum(a, b))
-        edges.append(np.stack([index[one][joined], index[other][joined]]))
-    first, second = np.concatenate(edges, axis=1)
-    graph = coo_array((np.ones(len(first), dtype=np.bool_), (first, second)), shape=(depth.size, depth.size))
-    labels: NDArray[np.int32] = connected_components(graph, directed=False)[1].reshape(depth.shape)
+        joined[between] = within[one] & within[other] & (np.abs(a - b) < STEP * np.maximum(a, b))
+    labels: NDArray[np.int32] = ndimage.label(joined)[0][::2, ::2]
     return labels

@@ -14,9 +14,10 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln
 
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.log_weights import effective_sample_size, log_sum_exp, normalise, tempering
 
 FREEDOM = 5.0
 # Of a coordinate of a proposal: what is narrower is one number, and has no inverse.
@@ -96,7 +97,7 @@ class Proposal:
         count = len(own)
         log = -0.5 * (FREEDOM + count) * np.log1p(np.array(images) / FREEDOM)
         norm = gammaln((FREEDOM + count) / 2) - gammaln(FREEDOM / 2) - 0.5 * count * np.log(FREEDOM * np.pi)
-        found = np.asarray(logsumexp(log, axis=0)) + norm - np.log(np.diag(spread)).sum()
+        found = log_sum_exp(log, axis=0) + norm - np.log(np.diag(spread)).sum()
         for grid in self.grids:
             found = found + grid.log_density(rows[:, grid.coordinate])
         return found
@@ -147,23 +148,17 @@ def adaptive_importance(
         older = [np.log(drawn) + one.log_density(new) for drawn, one in zip(counts, proposals[:-1], strict=False)]
         proposed = np.concatenate([proposed, np.reshape(older, (len(older), count))], axis=1)
         proposed = np.concatenate([proposed, np.log(count) + proposal.log_density(rows)[None]])
-        log_weights = value - np.asarray(logsumexp(proposed, axis=0)) + np.log(len(rows))
-        if round_number and effective_sample_size(log_weights) >= enough:
+        log_weights = value - log_sum_exp(proposed, axis=0) + np.log(len(rows))
+        if round_number and _count(log_weights) >= enough:
             break
         proposal = _refitted(proposal, rows, log_weights)
-    total = float(logsumexp(log_weights))
-    if not np.isfinite(total):
-        return WeightedDraws(rows, np.full(len(rows), -np.log(len(rows))), -np.inf)
-    return WeightedDraws(rows, log_weights - total, total - np.log(len(rows)))
+    total = float(log_sum_exp(log_weights))
+    return WeightedDraws(rows, normalise(log_weights), total - np.log(len(rows)))
 
 
-def effective_sample_size(log_weights: Array) -> float:
+def _count(log_weights: Array) -> float:
     """How many draws of equal weight would tell as much as draws of `log_weights` (C,); 0 where none has any."""
-    most = float(log_weights.max())
-    if not np.isfinite(most):
-        return 0.0
-    weights = np.exp(log_weights - most)
-    return float(weights.sum() ** 2 / (weights**2).sum())
+    return float(effective_sample_size(normalise(log_weights))) if np.isfinite(log_weights).any() else 0.0
 
 
 def _refitted(proposal: Proposal, rows: Array, log_weights: Array) -> Proposal:
@@ -171,29 +166,11 @@ def _refitted(proposal: Proposal, rows: Array, log_weights: Array) -> Proposal:
     it was."""
     if not np.isfinite(log_weights).any():
         return proposal
-    weights = tempered(log_weights, EFFECTIVE_SHARE * len(rows))
-    effective, dimensions = 1 / np.sum(weights**2), len(proposal.mean)
+    tempered = normalise(tempering(log_weights, EFFECTIVE_SHARE) * log_weights)
+    weights, effective, dimensions = np.exp(tempered), float(effective_sample_size(tempered)), len(proposal.mean)
     mean = weights @ rows
     spread = np.einsum("c,cp,cq->pq", weights, rows - mean, rows - mean)
     covariance = (effective * spread + dimensions * proposal.covariance) / (effective + dimensions)
     covariance += LEAST_VARIANCE * np.eye(dimensions)
     return Proposal(mean, covariance, proposal.lower, proposal.upper, proposal.grids)
 
-
-def tempered(log_weights: Array, effective: float) -> Array:
-    """(C,) weights that sum to 1: `log_weights` (C,) times the largest power, 1 at most, that leaves an effective
-    sample size of `effective`."""
-    log = log_weights - log_weights.max()
-    low, high = 0.0, 1.0
-    weights = np.exp(log - logsumexp(log))
-    for _ in range(30):
-        if 1 / np.sum(weights**2) >= effective and high == 1.0:
-            break
-        power = (low + high) / 2
-        with np.errstate(invalid="ignore"):
-            scaled = np.where(np.isfinite(log), power * log, -np.inf)
-        weights = np.exp(scaled - logsumexp(scaled))
-        low, high = (power, high) if 1 / np.sum(weights**2) >= effective else (low, power)
-        if high - low < 1e-4:
-            break
-    return weights

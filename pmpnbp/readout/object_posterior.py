@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.joint_draws import within_limits
+from pmpnbp.inference.log_weights import effective_sample_size
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature
 from pmpnbp.potentials.unary import object_scores
-from pmpnbp.readout.importance_sampling import Grid, LogDensity, Proposal, adaptive_importance, effective_sample_size
+from pmpnbp.readout.importance_sampling import Grid, LogDensity, Proposal, adaptive_importance
 from pmpnbp.scene.prior import GaussianPrior
 
 # A pixel's score 1 - (d / tau)^2 counts as a Gaussian's logarithm with a standard deviation of FLOOR, metres, and so
@@ -81,7 +82,7 @@ def mode_draws(rng: np.random.Generator, problem: Problem, root: Array, joints: 
         joints=within_limits(q, model.lower, model.upper, model.wraps),
         log_weights=drawn.log_weights,
         log_evidence=drawn.log_integral,
-        effective_sample_size=effective_sample_size(drawn.log_weights),
+        effective_sample_size=float(effective_sample_size(drawn.log_weights)),
     )
 
 

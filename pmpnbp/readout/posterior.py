@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
+from pmpnbp.inference.log_weights import normalise
 from pmpnbp.inference.mrf import part_motions
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import agreeing, polish
@@ -41,7 +41,7 @@ SHUT = 1e-4
 # Effective draws below which the posterior says too little to be certain by.
 FEWEST_DRAWS = 20.0
 # Draws that an expected distance is averaged over.
-DRAWS = 200
+DRAWS = 64
 # A link is elsewhere in a mode of more than this weight: nobody is certain of it.
 DOUBT = 0.01
 # The central share of a joint's interval.
@@ -257,11 +257,9 @@ def _log_room(draws: ModeDraws) -> float:
 def _mixture(iteration: int, places: list[tuple[Array, Array]], drawn: list[ModeDraws], fit: Fit) -> Posterior:
     """All modes' draws, each weighed by its mode's evidence."""
     evidence = np.array([draws.log_evidence - _log_room(draws) for draws in drawn])
-    if not np.isfinite(evidence).any():
-        evidence = np.zeros(len(drawn))
-    log_weights = evidence - logsumexp(evidence)
+    log_weights = normalise(evidence)
     order = [k for k in np.argsort(-log_weights, kind="stable") if log_weights[k] > np.log(LEAST_WEIGHT) or k == 0]
-    log_weights[order] -= logsumexp(log_weights[order])
+    log_weights[order] = normalise(log_weights[order])
     return Posterior(
         iteration=iteration,
         root=places[0][0],

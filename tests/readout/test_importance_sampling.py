@@ -14,14 +14,13 @@ import pytest
 from scipy import stats
 
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.log_weights import effective_sample_size
 from pmpnbp.readout.importance_sampling import (
     Grid,
     LogDensity,
     Proposal,
     WeightedDraws,
     adaptive_importance,
-    effective_sample_size,
-    tempered,
 )
 
 SETS = 40
@@ -135,15 +134,6 @@ def test_it_ends_when_enough_draws_count() -> None:
     assert len(few.rows) == 500 and len(many.rows) == sum(COUNTS)
     assert effective_sample_size(few.log_weights) >= 50
     np.testing.assert_array_equal(few.rows, many.rows[:500])
-
-
-def test_tempering_leaves_the_sample_size_that_was_asked_for_and_no_more() -> None:
-    log = 30 * np.random.default_rng(6).standard_normal(400)
-    weights = tempered(log, 40.0)
-    assert 1 / np.sum(weights**2) == pytest.approx(40.0, rel=0.02) and weights.sum() == pytest.approx(1.0)
-    assert np.all(np.argsort(weights) == np.argsort(log))
-    even = tempered(np.zeros(400), 40.0)
-    np.testing.assert_allclose(even, 1 / 400)
 
 
 def test_a_grid_draws_what_it_says() -> None:

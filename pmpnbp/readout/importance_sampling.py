@@ -173,4 +173,3 @@ def _refitted(proposal: Proposal, rows: Array, log_weights: Array) -> Proposal:
     covariance = (effective * spread + dimensions * proposal.covariance) / (effective + dimensions)
     covariance += LEAST_VARIANCE * np.eye(dimensions)
     return Proposal(mean, covariance, proposal.lower, proposal.upper, proposal.grids)
-

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.special import logsumexp
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.log_weights import normalise
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.unary import render, renders
 from pmpnbp.readout.object_posterior import confidence
@@ -91,7 +91,7 @@ def ranked(
     found, in_sight = [], []
     for view in views:
         told, pixels = _told_apart(problem, parts, blocking, view.pose, shown)
-        weights = np.exp(-told - logsumexp(-told, axis=1, keepdims=True))
+        weights = np.exp(normalise(-told))
         means = np.einsum("ij,jac->iac", weights, places)
         squares = np.einsum("ij,jac->iac", weights, places**2)
         after = np.maximum((squares - means**2).mean(axis=0), 0.0)

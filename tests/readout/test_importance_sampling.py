@@ -15,13 +15,7 @@ from scipy import stats
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.log_weights import effective_sample_size
-from pmpnbp.readout.importance_sampling import (
-    Grid,
-    LogDensity,
-    Proposal,
-    WeightedDraws,
-    adaptive_importance,
-)
+from pmpnbp.readout.importance_sampling import Grid, LogDensity, Proposal, WeightedDraws, adaptive_importance
 
 SETS = 40
 TOLERATED = 5.0

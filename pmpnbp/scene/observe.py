@@ -25,6 +25,8 @@ from pmpnbp.scene.support_planes import ScenePoints, find_support_planes
 
 # Pixels of the work image kept around the region's points.
 MARGIN = 15
+# Two measurements are of one surface where they differ by a smaller share.
+ONE_SURFACE = 0.015
 # Width in pixels of the thinned image that planes are looked for in.
 PLANE_WIDTH = 160
 # A pixel is on a support plane where it is within so many metres of it, plus so many per metre of depth squared.
@@ -146,10 +148,11 @@ def _crop(scan: Scan, roi: Array | None, width: int) -> tuple[NDArray[np.float32
 
 
 def binned_depth(depth: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
-    """`depth` (h·factor, w·factor), metres, with one measured value for each block of factor × factor pixels: (h, w).
+    """`depth` (h·factor, w·factor), metres, with one value for each block of factor × factor pixels: (h, w).
 
-    The value is the lower median of the block's measurements where at least half of its pixels have one, else 0. An
-    average would put points where nothing is, between an object's edge and what is behind it.
+    The value is the median of the block's measurements where at least half of its pixels have one, else 0. Of two in
+    the middle it is their mean where they are of one surface, else the lower: an average would put points where nothing
+    is, between an object's edge and what is behind it. The lower alone would put noisy and slanted surfaces nearer.
     """
     if factor == 1:
         return depth.astype(np.float32)
@@ -157,10 +160,12 @@ def binned_depth(depth: NDArray[np.float32], factor: int) -> NDArray[np.float32]
     blocks = depth.reshape(h, factor, w, factor).swapaxes(1, 2).reshape(h, w, factor * factor)
     count = (blocks > 0).sum(axis=-1)
     missing = factor * factor - count
-    # Sorted, the missing zeros come first; the lower median stands (count - 1) // 2 places after them.
+    # Sorted, the missing zeros come first; the middle stands (count - 1) / 2 places after them.
     ordered = np.sort(blocks, axis=-1)
-    place = missing + np.maximum(count - 1, 0) // 2
-    chosen = np.take_along_axis(ordered, np.minimum(place, factor * factor - 1)[..., None], axis=-1)[..., 0]
+    middle = [missing + np.maximum(count - 1, 0) // 2, missing + count // 2]
+    places = np.minimum(np.stack(middle, axis=-1), factor * factor - 1)
+    lower, upper = np.moveaxis(np.take_along_axis(ordered, places, axis=-1), -1, 0)
+    chosen = np.where(upper - lower < ONE_SURFACE * upper, (lower + upper) / 2, lower)
     return np.where(2 * count >= factor * factor, chosen, np.float32(0.0)).astype(np.float32)
 
 

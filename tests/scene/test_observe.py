@@ -24,19 +24,30 @@ SCAN = see(camera_at([1.8, 0.6, 1.2], [0.3, 0.0, 0.3], width=640, height=480), [
 @given(
     st.integers(0, 2**32 - 1), st.integers(1, 5), st.integers(1, 4), st.integers(1, 4), st.sampled_from([0.1, 0.5, 0.9])
 )
-def test_binning_takes_the_lower_median_of_a_half_measured_block(
+def test_binning_takes_the_median_of_a_half_measured_block(
     seed: int, factor: int, h: int, w: int, holes: float
 ) -> None:
+    """Of two in the middle their mean where they are near, else the lower."""
     rng = np.random.default_rng(seed)
-    depth = rng.uniform(0.5, 3.0, (h * factor, w * factor)).astype(np.float32)
+    depth = rng.uniform(1.0, 1.0 + rng.choice([0.01, 2.0]), (h * factor, w * factor)).astype(np.float32)
     depth[rng.random(depth.shape) < holes] = 0.0
     binned = binned_depth(depth, factor)
     for row in range(h):
         for column in range(w):
             block = depth[row * factor : (row + 1) * factor, column * factor : (column + 1) * factor]
-            measured = sorted(block[block > 0].tolist())
-            enough = 2 * len(measured) >= factor * factor
-            assert binned[row, column] == (measured[(len(measured) - 1) // 2] if enough else 0.0)
+            measured = np.sort(block[block > 0])
+            if 2 * len(measured) < factor * factor:
+                assert binned[row, column] == 0.0
+                continue
+            lower, upper = measured[(len(measured) - 1) // 2], measured[len(measured) // 2]
+            near = upper - lower < 0.015 * upper
+            assert binned[row, column] == pytest.approx((lower + upper) / 2 if near else lower, rel=1e-6)
+
+
+def test_a_noisy_surface_is_binned_where_it_is() -> None:
+    """40,000 blocks of four depths, σ 1 cm: the mean is within 0.2 mm of the surface, seven standard errors."""
+    depth = 3.0 + 0.01 * np.random.default_rng(5).standard_normal((400, 400))
+    assert abs(binned_depth(depth.astype(np.float32), 2).mean() - 3.0) < 2e-4
 
 
 def test_an_edge_is_never_averaged() -> None:

@@ -19,5 +19,8 @@ def assert_same(a: object, b: object, without: tuple[str, ...] = ()) -> None:
             assert mine.tobytes() == theirs.tobytes(), entry.name
         elif hasattr(mine, "__dataclass_fields__"):
             assert_same(mine, theirs)
+        elif isinstance(mine, tuple) and mine and hasattr(mine[0], "__dataclass_fields__"):
+            for one, other in zip(mine, theirs, strict=True):
+                assert_same(one, other)
         else:
             assert mine == theirs or (mine != mine and theirs != theirs), entry.name

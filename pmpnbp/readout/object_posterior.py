@@ -29,6 +29,9 @@ from pmpnbp.scene.prior import GaussianPrior
 # many times the depths' own: pixels share their errors with their neighbours (steps of depth, outlines, the mesh), so
 # that each says less than its noise would have it. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
 FLOOR, SHARED = 0.0075, 2.2
+# Share of a pixel of the working image that its grain hides: outlines are told by whole pixels, which no number of them
+# averages out, as an edge may run along a row.
+GRAIN = 0.0125
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate; rounds at
 # most; and how many draws have to count before no more are made.
 FIRST, LEAST, EACH, ROUNDS, ENOUGH = 64, 128, 16, 14, 60.0
@@ -76,7 +79,8 @@ def mode_draws(rng: np.random.Generator, problem: Problem, root: Array, joints: 
     first = Proposal(np.zeros(len(information)), covariance, lower, upper, grids)
     counts = (FIRST, *[max(LEAST, EACH * len(information))] * (ROUNDS - 1))
     drawn = adaptive_importance(rng, density, first, counts, ENOUGH)
-    roots, q = _placed(problem, root, joints, drawn.rows)
+    stir = _grain(problem, root, joints) * rng.standard_normal((len(drawn.rows), 6 + model.dof))
+    roots, q = _placed(problem, root, joints, drawn.rows[:, : 6 + model.dof] + stir)
     return ModeDraws(
         roots=roots,
         joints=within_limits(q, model.lower, model.upper, model.wraps),
@@ -100,6 +104,17 @@ def _placed(problem: Problem, root: Array, joints: Array, offsets: Array) -> tup
     """Root poses (C, 7) and joint vectors (C, D), which may be beyond their limits, at offsets (C, 6 + D + F)."""
     roots = poses.perturb(root, offsets[:, :3], offsets[:, 3:6], problem.mrf.centres[0])
     return roots, joints + offsets[:, 6 : 6 + len(joints)]
+
+
+def _grain(problem: Problem, root: Array, joints: Array) -> Array:
+    """(6 + D,) metres and radians: how far each coordinate is unknown by the working image's grain, turns by as much as
+    moves the object's end so far."""
+    seen = [view for view in problem.observation.views if view.distance > 0]
+    footprint = min((view.distance / view.camera.fx for view in seen), default=0.0)
+    middles = poses.transform_points(problem.mrf.part_poses(root, joints), problem.mrf.centres)
+    reach = float((np.linalg.norm(middles - middles[0], axis=1) + problem.mrf.radii).max())
+    turns = np.concatenate([np.zeros(3, dtype=bool), np.ones(3, dtype=bool), problem.joint_turns])
+    return GRAIN * footprint * np.where(turns, 1 / reach, 1.0)
 
 
 def _density(problem: Problem, root: Array, joints: Array, free: NDArray[np.int64]) -> LogDensity:

@@ -25,9 +25,10 @@ from pmpnbp.readout.posterior import Posterior, read_out
 from pmpnbp.readout.snapshot import Criteria, Row, Snapshot, snapshot
 from pmpnbp.recording.changes import Change
 from pmpnbp.recording.inputs import Inputs
+from pmpnbp.recording.posteriors import check_posterior_fits
 from pmpnbp.recording.reader import Recording
 from pmpnbp.recording.readers import Readers
-from pmpnbp.recording.reopening import last_shown, make_whole, replace_recording
+from pmpnbp.recording.reopening import back_up, last_shown, make_whole, replace_recording
 from pmpnbp.recording.report_check import check_fits
 from pmpnbp.recording.trace_rows import ForeignRows, OwnRows, Rows, event_of
 from pmpnbp.recording.writer import RecordingWriter
@@ -130,7 +131,8 @@ class IterationArchive:
                 self._newest, self._row = snapshot, snapshot.row
             written()
 
-        self._writing().write(step.report, step.state, snapshot.row_text.decode(), arrived)
+        text, posterior = snapshot.row_text.decode(), snapshot.placed.posterior
+        self._writing().write(step.report, step.state, text, arrived, posterior)
 
     def change(self, change: Change, problem: Problem) -> None:
         """Write a change, of which the next iterations are made with `problem`; returns once it is in the file."""
@@ -261,12 +263,7 @@ class IterationArchive:
                 shutil.copyfile(self.path, path)
                 return
             try:
-                with (
-                    contextlib.closing(sqlite3.connect(f"{self.path.absolute().as_uri()}?mode=ro", uri=True)) as source,
-                    contextlib.closing(sqlite3.connect(path)) as target,
-                ):
-                    source.backup(target)
-                    target.execute("PRAGMA journal_mode = DELETE")
+                back_up(self.path, path)
             except sqlite3.DatabaseError:
                 self.check()
                 raise
@@ -304,8 +301,7 @@ class IterationArchive:
         )
 
     def _posterior(self, recording: Recording, report: IterationReport, iteration: int | None) -> Posterior | None:
-        """The posterior that an iteration's report was told with: read out from the same or an earlier one, of which
-        it is made again."""
+        """The posterior that an iteration's report was told with, read out from the same or an earlier one."""
         if iteration is None:
             return None
         with self._lock:
@@ -314,8 +310,12 @@ class IterationArchive:
                 return newest
             if iteration in self._posteriors:
                 return self._posteriors[iteration]
-        source = report if iteration == report.iteration else self._report(recording, iteration)
-        found = read_out(self.problem(iteration), source)
+        found = recording.posterior(iteration)
+        if found is None:  # recorded before posteriors were
+            source = report if iteration == report.iteration else self._report(recording, iteration)
+            found = read_out(self.problem(iteration), source)
+        elif self._foreign_row is not None:
+            check_posterior_fits(self.problem(iteration), found)
         with self._lock:
             self._posteriors[iteration] = found
         return found

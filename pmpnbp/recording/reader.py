@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 from pmpnbp.errors import RecordingError
 from pmpnbp.inference.belief import IterationReport, State
 from pmpnbp.inference.problem import Problem
+from pmpnbp.readout.posterior import Posterior
 from pmpnbp.recording import inputs as inputs_module
 from pmpnbp.recording.arrays import Arrays, to_report, to_state
 from pmpnbp.recording.changes import Change, changed_after, changes
 from pmpnbp.recording.inputs import Inputs
-from pmpnbp.recording.schema import APPLICATION_ID, VERSION, unpack
+from pmpnbp.recording.posteriors import to_posterior
+from pmpnbp.recording.schema import APPLICATION_ID, ITERATION_S_OWN, PREFIX, VERSION, unpack
 from pmpnbp.settings import Settings, changed, preset
 
 # What reading damaged bytes can raise.
@@ -153,6 +155,13 @@ class Recording:
         with self._reading(f"iteration {iteration}"):
             return to_state(iteration, arrays)
 
+    def posterior(self, iteration: int) -> Posterior | None:
+        """The posterior that was read out from an iteration, equal bit for bit to the one that was written; None where
+        there was none. It stays when the iteration is thinned out."""
+        arrays = self._read_arrays(iteration, f"name LIKE '{PREFIX}%'")
+        with self._reading(f"the posterior of iteration {iteration}"):
+            return to_posterior(iteration, arrays)
+
     def _parts(self) -> tuple[str, ...]:
         with self._reading("its inputs"):
             return tuple(str(part["name"]) for part in self._input("parts"))
@@ -196,7 +205,7 @@ class Recording:
     def _whole(self, iteration: int) -> bool:
         try:
             # the sizes are beside the bytes' first page, so this does not read them, but for a file that was cut short
-            query = "SELECT sum(length(data)) FROM arrays WHERE iteration = ?"
+            query = f"SELECT sum(length(data)) FROM arrays WHERE iteration = ? AND {ITERATION_S_OWN}"
             found = self.connection.execute(query, (iteration,)).fetchone()[0] is not None
             if found and self._cut_short():
                 self._arrays(iteration)
@@ -221,14 +230,18 @@ class Recording:
         raise RecordingError(f"iteration {iteration} is not in recording '{self.name}'; it has {there}")
 
     def _arrays(self, iteration: int) -> Arrays:
-        query = "SELECT name, dtype, shape, data FROM arrays WHERE iteration = ?"
+        found = self._read_arrays(iteration, ITERATION_S_OWN)
+        if not found:
+            raise RecordingError(f"iteration {iteration} of recording '{self.name}' was thinned out")
+        return found
+
+    def _read_arrays(self, iteration: int, which: str) -> Arrays:
+        query = f"SELECT name, dtype, shape, data FROM arrays WHERE iteration = ? AND {which}"
         found: dict[str, NDArray[Any]] = {}
         with self._reading(f"iteration {iteration}"):
             for name, dtype, shape, data in self.connection.execute(query, (iteration,)):
                 found[name] = unpack(dtype, shape, data)
                 found[name].setflags(write=False)
-        if not found:
-            raise RecordingError(f"iteration {iteration} of recording '{self.name}' was thinned out")
         return found
 
     @contextmanager

@@ -79,6 +79,17 @@ def replace_recording(new: Path, path: Path) -> None:
         os.close(folder)
 
 
+def back_up(path: Path, copy: Path) -> None:
+    """A consistent copy of the recording at `path` as one file, also while it is being written. Raises
+    sqlite3.DatabaseError where it is damaged."""
+    with (
+        contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as source,
+        contextlib.closing(sqlite3.connect(copy)) as target,
+    ):
+        source.backup(target)
+        target.execute("PRAGMA journal_mode = DELETE")
+
+
 def _copy(recording: Recording, copy: Path, whole: int) -> int:
     """Write a recording to `copy` with what `recording` has up to iteration `whole`, or to the last before a scan that
     is lost; that iteration."""

@@ -36,18 +36,18 @@ def _fits(problem: Problem, report: IterationReport) -> bool:
         _numbers(belief.poses, (*each, 7)),
         _numbers(belief.log_weights, each) and bool(np.allclose(np.exp(belief.log_weights).sum(axis=1), 1, atol=1e-3)),
         _numbers(belief.log_unary, each),
-        *(_whole(array, each) for array in vars(belief.origin).values()),
-        belief.joint_positions is None or _finite(belief.joint_positions, (count, dof)),
+        *(are_whole(array, each) for array in vars(belief.origin).values()),
+        belief.joint_positions is None or are_numbers(belief.joint_positions, (count, dof)),
         _numbers(report.log_message_shares, (*each, *report.log_message_shares.shape[2:3])),
         *(_numbers(array, (nodes,)) for array in (report.inverse_temperature, report.effective_sample_size)),
-        _poses(report.map_poses, (nodes, 7)),
-        report.map_joints is None or _finite(report.map_joints, (dof,)),
+        are_poses(report.map_poses, (nodes, 7)),
+        report.map_joints is None or are_numbers(report.map_joints, (dof,)),
         report.nuisances is None or _small(report.nuisances, problem.nuisance_std.shape),
         report.rivals is None or _rivals(report.rivals, dof),
     ]
     if not all(sound):
         return False
-    if not _poses(belief.poses, (*each, 7)) or not np.all(belief.origin.source < len(SOURCES)):
+    if not are_poses(belief.poses, (*each, 7)) or not np.all(belief.origin.source < len(SOURCES)):
         return False
     return bool(np.all(belief.origin.neighbour < nodes)) and (
         messages is None or _messages_fit(problem, report, messages)
@@ -62,7 +62,7 @@ def _messages_fit(problem: Problem, report: IterationReport, messages: Messages)
         np.array_equal(messages.sender, problem.mrf.sender)
         and np.array_equal(messages.receiver, problem.mrf.receiver)
         and all(_numbers(array, (edges, samples)) for array in factors)
-        and _poses(messages.poses, (edges, samples, 7))
+        and are_poses(messages.poses, (edges, samples, 7))
         and _numbers(messages.joint_draw, (edges, samples, problem.mrf.axes_per_edge))
         and report.log_message_shares.shape[2] == shares
         and _shares_have_samples(report.log_message_shares, samples)
@@ -81,26 +81,28 @@ def _numbers(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
     return array.shape == shape and array.dtype.kind == "f"
 
 
-def _whole(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
+def are_whole(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
+    """Whether these are whole numbers in this shape."""
     return array.shape == shape and array.dtype.kind in "iu"
 
 
-def _finite(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
+def are_numbers(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
+    """Whether these are finite numbers in this shape."""
     return _numbers(array, shape) and bool(np.isfinite(array).all())
 
 
 def _small(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
     """Whether these are nuisances under which something can be drawn: scales stay above zero."""
-    return _finite(array, shape) and bool(np.all(np.abs(array) < 1))
+    return are_numbers(array, shape) and bool(np.all(np.abs(array) < 1))
 
 
 def _rivals(array: NDArray[Any], dof: int) -> bool:
     shape = (len(array), 7 + dof) if array.ndim == 2 else ()
-    return _finite(array, shape) and _poses(array[:, :7], (len(array), 7))
+    return are_numbers(array, shape) and are_poses(array[:, :7], (len(array), 7))
 
 
-def _poses(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
+def are_poses(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
     """Whether these are poses, with quaternions of about unit length."""
-    if not _finite(array, shape) or (array.size and np.abs(array).max() > _MOST_DISTANT):
+    if not are_numbers(array, shape) or (array.size and np.abs(array).max() > _MOST_DISTANT):
         return False
     return bool(np.allclose(np.linalg.norm(array[..., 3:], axis=-1), 1, atol=1e-3))

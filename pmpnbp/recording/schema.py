@@ -6,7 +6,8 @@
 | `model` | the model as a zip that can be loaded again |
 | `scans` | depth image, camera, frame and stamp of each scan |
 | `iterations` | a row an iteration: stage, tolerance, score, seconds, notes; stays when its arrays are thinned out |
-| `arrays` | the arrays of an iteration, by the names of `Belief`, `Messages`, `IterationReport` and `State` |
+| `arrays` | the arrays of an iteration, by the names of `Belief`, `Messages`, `IterationReport` and `State`; and of the
+posterior that was read out from it, which stay when the others are thinned out |
 | `summaries` | what the program that records has to say of an iteration, in its own words; stays as its row does |
 | `changes` | other settings (JSON) or a further scan (its number), and the iteration they came after |
 | `notes` | what the writer has to say, such as that it thinned out iterations |
@@ -43,6 +44,10 @@ CREATE TABLE summaries (iteration INTEGER PRIMARY KEY, text TEXT NOT NULL);
 CREATE TABLE changes (number INTEGER PRIMARY KEY, after_iteration INTEGER NOT NULL, settings TEXT, scan INTEGER,
     note TEXT NOT NULL);
 """
+
+# What the names of a posterior's arrays begin with, and a condition that those of the iteration itself fulfil.
+PREFIX = "posterior."
+ITERATION_S_OWN = f"name NOT LIKE '{PREFIX}%'"
 
 # A blob larger than this is not unpacked: no array of a recording is, so its header lies.
 LARGEST_ARRAY = 1 << 31

@@ -10,6 +10,8 @@ import math
 import sqlite3
 from collections import deque
 
+from pmpnbp.recording.schema import ITERATION_S_OWN
+
 # Iterations dropped with each that is written; more than one, so that the file does not go on growing meanwhile.
 AT_A_TIME = 3
 # Of so many of the newest that were kept, the common divisor is the stride: older ones may still be waiting to go.
@@ -22,7 +24,7 @@ class Thinning:
     def __init__(self, connection: sqlite3.Connection, max_bytes: int) -> None:
         self._connection = connection
         self._max_bytes = max_bytes
-        found = connection.execute("SELECT DISTINCT iteration FROM arrays ORDER BY iteration")
+        found = connection.execute(f"SELECT DISTINCT iteration FROM arrays WHERE {ITERATION_S_OWN} ORDER BY iteration")
         kept = [number for (number,) in found]
         self._newest: int | None = kept.pop() if kept else None
         # what was kept before the newest are multiples of the stride
@@ -52,7 +54,8 @@ class Thinning:
         run("INSERT INTO notes (text) VALUES (?)", (text,))
 
     def _drop(self, number: int) -> None:
-        self._connection.execute("DELETE FROM arrays WHERE iteration = ?", (number,))
+        # later iterations may be told with its posterior
+        self._connection.execute(f"DELETE FROM arrays WHERE iteration = ? AND {ITERATION_S_OWN}", (number,))
 
     def _used(self) -> int:
         pages, free, size = (

@@ -19,10 +19,12 @@ from pathlib import Path
 
 from pmpnbp.errors import RecordingError
 from pmpnbp.inference.belief import IterationReport, State
+from pmpnbp.readout.posterior import Posterior
 from pmpnbp.recording import inputs as inputs_module
-from pmpnbp.recording.arrays import to_arrays
+from pmpnbp.recording.arrays import Arrays, to_arrays
 from pmpnbp.recording.changes import Change, store_change
 from pmpnbp.recording.inputs import Inputs
+from pmpnbp.recording.posteriors import posterior_arrays
 from pmpnbp.recording.schema import ADDED_TABLES, APPLICATION_ID, TABLES, VERSION, pack
 from pmpnbp.recording.thinning import Thinning
 from pmpnbp.scene.articulated_object import ArticulatedObject
@@ -39,6 +41,7 @@ class _Iteration:
     state: State
     summary: str | None
     written: Callable[[], None] | None
+    posterior: Posterior | None
 
 
 class RecordingWriter:
@@ -66,7 +69,7 @@ class RecordingWriter:
     def _begin(self, path: Path, max_bytes: int, prepare: Callable[[], None]) -> None:
         """Open the file, have its tables prepared, and start the thread, which alone uses the connection then."""
         self._path = Path(path)
-        self._queue: queue.Queue[_Iteration | Change | threading.Event | None] = queue.Queue(WAITING)
+        self._queue: queue.Queue[_Iteration | Change | Posterior | threading.Event | None] = queue.Queue(WAITING)
         self._error: Exception | None = None
         self._thread = threading.Thread(target=self._write_all, name="recording", daemon=True)
         try:
@@ -95,14 +98,23 @@ class RecordingWriter:
         state: State,
         summary: str | None = None,
         written: Callable[[], None] | None = None,
+        posterior: Posterior | None = None,
     ) -> None:
-        """Record an iteration and the state after it. Returns at once; the arrays of both must not change.
+        """Record an iteration and the state after it. Returns at once; the arrays of all must not change.
 
         summary : kept with the iteration, for the program that records
         written : called once the iteration is in the file, by the thread that writes
+        posterior : kept with the iteration where it was read out from it, not from an earlier one
         """
         self._raise_failure()
-        self._queue.put(_Iteration(report, state, summary, written))
+        if posterior is not None and posterior.iteration != report.iteration:
+            posterior = None
+        self._queue.put(_Iteration(report, state, summary, written, posterior))
+
+    def keep(self, posterior: Posterior) -> None:
+        """Record the posterior of an iteration that was recorded without it. Returns at once."""
+        self._raise_failure()
+        self._queue.put(posterior)
 
     def change(self, change: Change) -> None:
         """Record that later iterations are made with other settings or a further scan. Returns at once."""
@@ -157,11 +169,14 @@ class RecordingWriter:
         finally:
             self._connection.close()
 
-    def _write_item(self, item: _Iteration | Change) -> None:
+    def _write_item(self, item: _Iteration | Change | Posterior) -> None:
         try:
-            if isinstance(item, Change):
+            if isinstance(item, Change | Posterior):
                 self._connection.execute("BEGIN IMMEDIATE")
-                store_change(self._connection, item)
+                if isinstance(item, Change):
+                    store_change(self._connection, item)
+                else:
+                    self._store(item.iteration, posterior_arrays(item))
                 self._connection.execute("COMMIT")
                 return
             self._write_one(item)
@@ -172,17 +187,23 @@ class RecordingWriter:
 
     def _write_one(self, item: _Iteration) -> None:
         report = item.report
-        packed = [(report.iteration, name, *pack(values)) for name, values in to_arrays(report, item.state).items()]
+        arrays = to_arrays(report, item.state)
+        if item.posterior is not None:
+            arrays |= posterior_arrays(item.posterior)
         run = self._connection.execute
         run("BEGIN IMMEDIATE")
         score = report.map_score if math.isfinite(report.map_score) else None
         row = (report.iteration, report.stage, report.tolerance, score, report.seconds, json.dumps(report.notes))
         run("INSERT INTO iterations VALUES (?, ?, ?, ?, ?, ?)", row)
-        self._connection.executemany("INSERT INTO arrays VALUES (?, ?, ?, ?, ?)", packed)
+        self._store(report.iteration, arrays)
         if item.summary is not None:
             run("INSERT INTO summaries VALUES (?, ?)", (report.iteration, item.summary))
         self._thinning.written(report.iteration)
         run("COMMIT")
+
+    def _store(self, iteration: int, arrays: Arrays) -> None:
+        packed = [(iteration, name, *pack(values)) for name, values in arrays.items()]
+        self._connection.executemany("INSERT INTO arrays VALUES (?, ?, ?, ?, ?)", packed)
 
     def _raise_failure(self) -> None:
         if self._error is not None:

@@ -124,12 +124,14 @@ class Proposal:
 
 @dataclass(frozen=True)
 class WeightedDraws:
-    """rows : (C, P); log_weights : (C,), their exponentials sum to 1; log_integral : of the density over all
-    coordinates."""
+    """rows : (C, P); log_weights : (C,), truncated, their exponentials sum to 1; log_integral : of the density over all
+    coordinates; effective_sample_size : how many draws of equal weight would tell as much, 0 where none has any: of the
+    weights before they were truncated, for these tell how well the proposals cover the density."""
 
     rows: Array
     log_weights: Array
     log_integral: float
+    effective_sample_size: float
 
 
 def adaptive_importance(
@@ -152,13 +154,20 @@ def adaptive_importance(
         if round_number and _count(log_weights) >= enough:
             break
         proposal = _refitted(proposal, rows, log_weights)
-    total = float(log_sum_exp(log_weights))
-    return WeightedDraws(rows, normalise(log_weights), total - np.log(len(rows)))
+    effective = _count(log_weights)
+    log_weights = _truncated(log_weights)
+    return WeightedDraws(rows, normalise(log_weights), float(log_sum_exp(log_weights)) - np.log(len(rows)), effective)
 
 
 def _count(log_weights: Array) -> float:
     """How many draws of equal weight would tell as much as draws of `log_weights` (C,); 0 where none has any."""
     return float(effective_sample_size(normalise(log_weights))) if np.isfinite(log_weights).any() else 0.0
+
+
+def _truncated(log_weights: Array) -> Array:
+    """Weights (C,) of the square root of C times their mean at most (Ionides 2008, Journal of Computational and
+    Graphical Statistics 17): a single draw from where the proposals are too thin is then not all there is."""
+    return np.minimum(log_weights, log_sum_exp(log_weights) - 0.5 * np.log(len(log_weights)))
 
 
 def _refitted(proposal: Proposal, rows: Array, log_weights: Array) -> Proposal:

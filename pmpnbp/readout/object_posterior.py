@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.joint_draws import within_limits
-from pmpnbp.inference.log_weights import effective_sample_size
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature
 from pmpnbp.potentials.unary import object_scores
@@ -28,7 +27,7 @@ from pmpnbp.scene.prior import GaussianPrior
 # A pixel's score 1 - (d / tau)^2 counts as a Gaussian's logarithm with a standard deviation of FLOOR, metres, and so
 # many times the depths' own: pixels share their errors with their neighbours (steps of depth, outlines, the mesh), so
 # that each says less than its noise would have it. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
-FLOOR, SHARED = 0.0075, 2.2
+FLOOR, SHARED = 0.006, 1.75
 # Share of a pixel of the working image that its grain hides: outlines are told by whole pixels, which no number of them
 # averages out, as an edge may run along a row.
 GRAIN = 0.0125
@@ -86,7 +85,7 @@ def mode_draws(rng: np.random.Generator, problem: Problem, root: Array, joints: 
         joints=within_limits(q, model.lower, model.upper, model.wraps),
         log_weights=drawn.log_weights,
         log_evidence=drawn.log_integral,
-        effective_sample_size=float(effective_sample_size(drawn.log_weights)),
+        effective_sample_size=drawn.effective_sample_size,
     )
 
 

@@ -140,6 +140,7 @@ class Estimate(BaseModel):
     alternatives: list[Alternative] = Field(
         description="whole objects that the posterior has weight on, heaviest first; their weights sum to 1"
     )
+    unknown: list[str] = Field(description="a sentence for each joint and turn that the scan does not tell at all")
     depth_noise: list[float] = Field(
         description="of each view, metres: standard deviation of its depths at the object, that the inference goes by"
     )

@@ -22,6 +22,7 @@ from pmpnbp.potentials.unary import visible_fractions
 from pmpnbp.readout import particle_statistics
 from pmpnbp.readout.object_posterior import nuisance_stds
 from pmpnbp.readout.posterior import Posterior, Spread, link_modes, spread
+from pmpnbp.readout.unknown import unknown
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint, parts_of_links
 from pmpnbp.settings import SessionOptions
 
@@ -148,6 +149,7 @@ class Estimate:
     part_poses : (N, 7), part in world; joint_positions : (D,) the joint vector; both agree with the tree
     depth_noise : standard deviation of each view's depths at the object, metres, that the inference goes by
     posterior : what the scan leaves open, or None where it was not read out; alternatives : its modes, heaviest first
+    unknown : a sentence for each joint and turn that the scan does not tell at all
     """
 
     model: str
@@ -167,6 +169,7 @@ class Estimate:
     nuisances: tuple[NuisanceEstimate, ...] = ()
     posterior: Posterior | None = None
     alternatives: tuple[Alternative, ...] = ()
+    unknown: tuple[str, ...] = ()
 
     @property
     def certain(self) -> bool:
@@ -295,6 +298,7 @@ def estimate(
         _nuisance_estimates(problem, part_poses[0], placed.joint_positions),
         posterior,
         () if posterior is None else _alternatives(model, posterior),
+        () if told is None else unknown(problem, told),
     )
 
 

@@ -21,8 +21,9 @@ from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature
 from pmpnbp.potentials.unary import object_scores
+from pmpnbp.readout.free_turn import free_turn, turned_anyhow
 from pmpnbp.readout.importance_sampling import Grid, LogDensity, Proposal, adaptive_importance
-from pmpnbp.scene.prior import GaussianPrior
+from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 
 # A pixel's score 1 - (d / tau)^2 counts as a Gaussian's logarithm with a standard deviation of FLOOR, metres, and so
 # many times the depths' own: pixels share their errors with their neighbours (steps of depth, outlines, the mesh), so
@@ -30,12 +31,15 @@ from pmpnbp.scene.prior import GaussianPrior
 FLOOR, SHARED = 0.006, 1.75
 # Share of a pixel of the working image that its grain hides: outlines are told by whole pixels, which no number of them
 # averages out, as an edge may run along a row.
-GRAIN = 0.0125
+GRAIN = 0.008
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate; rounds at
 # most; and how many draws have to count before no more are made.
 FIRST, LEAST, EACH, ROUNDS, ENOUGH = 64, 128, 16, 14, 60.0
 # Cells over a joint's range, and the least share of a uniform density in draws from them.
 CELLS, UNIFORM = 32, 0.1
+# Densities along one axis alone, and of a few places, are taken this much less sharp: the other coordinates are not
+# quite where they are taken to be, and the score is rough.
+HALF_SURE = 0.5
 # A joint is drawn over its range where so much of its weight lies so many standard deviations from the mode.
 ELSEWHERE, FAR = 0.02, 4.0
 # Metres and radians: how far a parameter that the scan does not hold is started from.
@@ -80,6 +84,9 @@ def mode_draws(rng: np.random.Generator, problem: Problem, root: Array, joints: 
     drawn = adaptive_importance(rng, density, first, counts, ENOUGH)
     stir = _grain(problem, root, joints) * rng.standard_normal((len(drawn.rows), 6 + model.dof))
     roots, q = _placed(problem, root, joints, drawn.rows[:, : 6 + model.dof] + stir)
+    q = within_limits(q, model.lower, model.upper, model.wraps)
+    if isinstance(problem.prior, UniformPrior) and (spin := free_turn(model)):
+        roots, q = turned_anyhow(rng, model, spin, roots, q)
     return ModeDraws(
         roots=roots,
         joints=within_limits(q, model.lower, model.upper, model.wraps),
@@ -183,7 +190,7 @@ def _scanned(density: LogDensity, covariance: Array) -> Array:
         return covariance
     steps = np.array([*(-np.array(SCANNED[::-1])), 0.0, *SCANNED])
     log = density((steps[:, None] * axes.T[flat, None]).reshape(-1, len(axes))).reshape(len(flat), -1)
-    weights = np.exp(log - log.max(axis=1, keepdims=True))
+    weights = np.exp(HALF_SURE * (log - log.max(axis=1, keepdims=True)))
     mass = np.trapezoid(weights, steps, axis=1)
     found = np.trapezoid(weights * steps**2, steps, axis=1)
     told = (mass > 0) & (found > 0)
@@ -214,8 +221,7 @@ def _grids(problem: Problem, root: Array, joints: Array, stds: Array) -> tuple[G
         near = np.sqrt(2 * np.pi) * min(float(stds[coordinate]), spans[coordinate]) * np.exp(here - top)
         if beyond <= ELSEWHERE * (beyond + near):
             continue
-        # half as sure as the posterior, as the others are not quite where they are taken to be
-        weights = np.exp(0.5 * (log[place] - log[place].max()))
+        weights = np.exp(HALF_SURE * (log[place] - log[place].max()))
         weights = (1 - UNIFORM) * weights / weights.sum() + UNIFORM / CELLS
         begin = float(model.lower[coordinate] - joints[coordinate])
         found.append(Grid(6 + int(coordinate), begin, begin + float(spans[coordinate]), weights))

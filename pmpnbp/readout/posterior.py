@@ -24,7 +24,7 @@ from pmpnbp.inference.tree_estimate import agreeing, polish
 from pmpnbp.readout.fit import Fit, assess
 from pmpnbp.readout.object_posterior import ModeDraws, log_posterior, mode_draws
 from pmpnbp.readout.particle_statistics import covariance
-from pmpnbp.readout.surface_distance import distances, part_surfaces
+from pmpnbp.readout.surface_distance import distances, part_surfaces, turn_agreement
 from pmpnbp.scene.articulated_object import ArticulatedObject, parts_of_links
 
 # Modes are told at most, and what weighs less than this is none.
@@ -107,7 +107,8 @@ class Spread:
     covariances : (L, 6, 6), see `particle_statistics.covariance`; expected_add : (L,) metres (eq. 12) of the part that
     a link moves with, NaN where that has no surface; joint_stds : (D,) about the estimate; joint_intervals : (2, D)
     the central 90 %; moved : (M, L) metres (eq. 12, or of the origin where there is no surface) from the estimate to
-    each mode's best configuration
+    each mode's best configuration; round_turns : (N,) of a part that is round about an axis, how far its turns about
+    it agree, 0 (any) to 1 (all the same): the length of their mean on the unit circle; NaN of others
     """
 
     covariances: Array
@@ -115,6 +116,7 @@ class Spread:
     joint_stds: Array
     joint_intervals: Array
     moved: Array
+    round_turns: Array
 
     def certain(self, posterior: Posterior, max_std: float) -> NDArray[np.bool_]:
         """(L,): whether the fit is good, no mode of more than 1 % has the link elsewhere, and no element of its
@@ -177,6 +179,7 @@ def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -
         joint_stds=np.sqrt(weights @ gap**2 / weights.sum()),
         joint_intervals=joints + intervals,
         moved=np.fmax(distances(surfaces, at, modes)[:, node], origins),
+        round_turns=turn_agreement(surfaces, at, placed),
     )
 
 

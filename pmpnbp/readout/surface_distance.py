@@ -56,19 +56,31 @@ def distances(surfaces: tuple[PartSurface, ...], here: Array, there: Array) -> A
     return found
 
 
+def turn_agreement(surfaces: tuple[PartSurface, ...], here: Array, there: Array) -> Array:
+    """(N,): how far the turns of round parts about their axes from `here` (N, 7) to `there` (K, N, 7) agree: the length
+    of their mean on the unit circle, 0 to 1; NaN for a part that is not round."""
+    found = np.full(len(surfaces), np.nan)
+    for node, surface in enumerate(surfaces):
+        if surface.axis.any():
+            turn = poses.multiply(poses.inverse(here[node]), there[:, node])[:, 3:]
+            angle = 2 * np.arctan2(turn[:, 1:] @ surface.axis, turn[:, 0])
+            found[node] = np.abs(np.exp(1j * angle).mean())
+    return found
+
+
 def _part_surface(part: Part) -> PartSurface:
     if not part.visible:
         return PartSurface(np.zeros((0, 3)), np.zeros(3), 0.0)
     points = even_points(part.mesh, POINTS)
-    axis = _round_about(part)
+    axis = round_axis(part)
     if axis is None:
         return PartSurface(points, np.zeros(3), 0.0)
     feet = part.centre + np.outer((points - part.centre) @ axis, axis)
     return PartSurface(feet, axis, float(np.linalg.norm(points - feet, axis=1).mean()))
 
 
-def _round_about(part: Part) -> Array | None:
-    """(3,) the axis of the part's frame about which it is round, or None."""
+def round_axis(part: Part) -> Array | None:
+    """(3,) the axis of a part's frame about which it is round, as one with a surface may be, or None."""
     spacing = np.sqrt(area(part.mesh) / TOLD_BY)
     for number, axis in enumerate(np.eye(3)):
         across = np.delete(part.extents, number)

@@ -172,6 +172,38 @@ class PosteriorDraws(WeightedPoses):
     mode: list[int] = Field(description="of which of the estimate's `alternatives` each draw is, counted from 0")
 
 
+class DrawnCoordinate(BaseModel):
+    """One number of the object in every draw of the posterior."""
+
+    link: str | None = Field(description="the link it is of; null for a joint")
+    name: str = Field(
+        description="x, y, z, roll, pitch or yaw of the link, or `joint NAME`; `joint NAME/x` and so on where it has "
+        "several axes"
+    )
+    unit: Literal["m", "rad"] = Field(description="metres or radians")
+    values: list[float] = Field(
+        description="of each draw, in the unit; positions and fixed X, Y, Z of world, angles at most half a turn from "
+        "the estimate's"
+    )
+    estimate: float = Field(description="the estimate's number, in the unit")
+
+
+class PosteriorCoordinates(BaseModel):
+    """What the scan leaves open of the whole object, number by number."""
+
+    session_id: str = Field(description="the session")
+    iteration: int = Field(description="the iteration whose estimate the draws are set against")
+    posterior_iteration: int = Field(description="the iteration that the posterior was read out from")
+    log_weights: list[float | None] = Field(
+        description="natural logarithms of the draws' weights, which sum to 1; null for a weight of 0"
+    )
+    mode: list[int] = Field(description="of which of the estimate's `alternatives` each draw is, counted from 0")
+    coordinates: list[DrawnCoordinate] = Field(
+        description="every moving joint's, then those of the links that were asked for; draw i of all of them is of "
+        "one configuration"
+    )
+
+
 class Particles(WeightedPoses):
     """Poses of the algorithm's particles."""
 
@@ -247,6 +279,16 @@ class View(BaseModel):
     expected_std_xyz: dict[str, list[float]] = Field(description="by link, metres, after such a scan")
 
 
+class Sight(BaseModel):
+    """How much of a link is in sight at the estimate, in the view that sees most of it: shares of the pixels that its
+    part would cover alone, which sum to 1."""
+
+    view: int = Field(description="which of the scans, counted from 0")
+    seen: float = Field(description="share in sight")
+    behind: dict[str, float] = Field(description="share behind other parts of the object, by part, largest first")
+    in_front: float = Field(description="share behind something that is not the object")
+
+
 class Decision(BaseModel):
     """Whether to act on the estimate."""
 
@@ -260,4 +302,7 @@ class Decision(BaseModel):
     max_std: float = Field(description="metres, up to which a link is certain")
     links: list[str] = Field(description="the links that were asked about")
     blocking: list[str] = Field(description="those of them that are not certain")
+    sight: dict[str, Sight | None] = Field(
+        description="what hides each of those; null where it would cover no pixel: outside all images"
+    )
     views: list[View] = Field(description="where to look from next, best first; empty where to act")

@@ -9,21 +9,21 @@ import numpy as np
 from fastapi import APIRouter, Query, Request
 
 from app import schemas_results as schemas
+from app.next_views import next_views, ranking, uncertain
 from app.problems import HttpProblem, responses
-from app.routes.parameters import SessionId, check_links, read
+from app.routes.parameters import Iteration, SessionId, check_links, read
 from app.schemas import DecisionRequest
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.readout.fit import some_of
 from pmpnbp.readout.result import pose_members
+from pmpnbp.readout.sight import sights
 from pmpnbp.readout.snapshot import Snapshot
-from pmpnbp.readout.view_planning import PlannedView, around, ranked
+from pmpnbp.readout.view_planning import PlannedView
+from pmpnbp.scene.articulated_object import parts_of_links
 from pmpnbp.settings import SessionOptions
 
 router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"])
-
-# Views that are told, of those that are tried around the object.
-_TOLD = 6
 
 
 @router.get(
@@ -42,12 +42,13 @@ def get_decision(
         float | None,
         Query(gt=0, le=1e6, description="metres; default: the session's", examples=[SessionOptions.max_std]),
     ] = None,
+    iteration: Iteration = None,
 ) -> Any:
-    """By the newest iteration: act where every asked link is certain, no_fit where what should be seen is not seen,
-    else look, with views from around the object, that tell most first. The posterior is read out for it, where the
-    inference is not at rest; during the search there is none, and nothing to act on."""
+    """By the newest iteration, or the one that is named: act where every asked link is certain, no_fit where what
+    should be seen is not seen, else look, with views from around the object, that tell most first. The posterior is
+    read out for it, where the inference is not at rest; during the search there is none, and nothing to act on."""
     asked = None if links is None else list(dict.fromkeys(links.split(",")))
-    return _decided(session_id, request, asked, max_std, None)
+    return _decided(session_id, request, iteration, asked, max_std, None)
 
 
 @router.post(
@@ -61,24 +62,23 @@ def post_decision(session_id: SessionId, request: Request, body: DecisionRequest
     are ranked by what they are expected to tell over their cost."""
     views = None if body.views is None else [PlannedView(_pose(view.pose), view.cost) for view in body.views]
     asked = None if body.links is None else list(dict.fromkeys(body.links))
-    return _decided(session_id, request, asked, body.max_std, views)
+    return _decided(session_id, request, None, asked, body.max_std, views)
 
 
 def _decided(
     session_id: str,
     request: Request,
+    iteration: int | None,
     links: Sequence[str] | None,
     max_std: float | None,
     views: Sequence[PlannedView] | None,
 ) -> dict[str, Any]:
-    session, snapshot = read(request, session_id)
+    session, snapshot = read(request, session_id, iteration)
     snapshot = snapshot.read_out
-    names = snapshot.problem.mrf.model.links
-    asked = [*names] if links is None else [*links]
+    asked = [*snapshot.problem.mrf.model.links] if links is None else [*links]
     check_links(snapshot, asked)
     limit = snapshot.criteria.max_std if max_std is None else max_std
-    certain = snapshot.placed.certain(limit)
-    blocking = [link for link in asked if not certain[names.index(link)]]
+    blocking = uncertain(snapshot, asked, limit)
     action, reason = _action(snapshot, blocking, limit)
     wanted = action == "look" or views is not None
     return {
@@ -90,6 +90,7 @@ def _decided(
         "max_std": limit,
         "links": asked,
         "blocking": blocking,
+        "sight": _sight(snapshot, blocking),
         "views": _views(snapshot, blocking or asked, views) if wanted else [],
     }
 
@@ -108,12 +109,10 @@ def _action(snapshot: Snapshot, blocking: list[str], max_std: float) -> tuple[st
 
 def _views(snapshot: Snapshot, links: Sequence[str], views: Sequence[PlannedView] | None) -> list[dict[str, Any]]:
     """The views, or the best of those around the object, by what they are expected to tell of the links."""
-    posterior, problem = snapshot.placed.posterior, snapshot.problem.taking(snapshot.report.nuisances)
-    if posterior is None or not problem.observation.views:
+    posterior = snapshot.placed.posterior
+    if posterior is None:
         return []
-    names = problem.mrf.model.links
-    tried = around(problem, posterior) if views is None else views
-    found = ranked(problem, posterior, [names.index(link) for link in links], tried)
+    found = next_views(snapshot, links) if views is None else ranking(snapshot, posterior, links, views)
     return [
         {
             "pose": pose_members(one.view.pose),
@@ -121,8 +120,23 @@ def _views(snapshot: Snapshot, links: Sequence[str], views: Sequence[PlannedView
             "expected_gain_nats": one.gain,
             "expected_std_xyz": dict(zip(links, one.std_xyz.tolist(), strict=True)),
         }
-        for one in (found[:_TOLD] if views is None else found)
+        for one in found
     ]
+
+
+def _sight(snapshot: Snapshot, links: Sequence[str]) -> dict[str, Any]:
+    """What hides each of the links, at the estimate; None for one that would cover no pixel anywhere."""
+    if not links:
+        return {}
+    problem = snapshot.problem.taking(snapshot.report.nuisances)
+    parts, part_of = problem.mrf.model.parts, parts_of_links(problem.mrf.model)
+    found = sights(problem, snapshot.placed.part_poses)
+    told: dict[str, Any] = {}
+    for link in links:
+        sight = found[part_of[link]]
+        behind = {} if sight is None else {parts[other].name: share for other, share in sight.behind.items()}
+        told[link] = None if sight is None else vars(sight) | {"behind": behind}
+    return told
 
 
 def _pose(members: Any) -> Array:

@@ -24,7 +24,9 @@ from app.sessions.source import Source
 from app.store.store import safe_name
 from pmpnbp.errors import full_disk_told
 from pmpnbp.geometry import poses
-from pmpnbp.json_text import json_bytes
+from pmpnbp.json_text import json_bytes, without_nan
+from pmpnbp.readout.coordinates import coordinates
+from pmpnbp.readout.posterior import Posterior
 from pmpnbp.readout.snapshot import Snapshot
 from pmpnbp.scene.articulated_object import parts_of_links
 
@@ -140,14 +142,45 @@ def get_posterior(
     """Draws of the posterior: poses of the link in world, metres, with log weights. Draw i of every link is of one
     configuration of the whole object. During the search there is none; before rest it is read out for this call."""
     session, snapshot = read(request, session_id, iteration, [link])
-    snapshot = snapshot.read_out
-    posterior, model = snapshot.placed.posterior, snapshot.problem.mrf.model
-    if posterior is None:
-        raise HttpProblem(404, f"iteration {snapshot.iteration} ({snapshot.report.stage}) has no posterior")
+    snapshot, posterior = _posterior_of(snapshot)
+    model = snapshot.problem.mrf.model
     draws = posterior.link_poses(model)[:, model.links.index(link)]
     members = _members(session, snapshot) | {"link": link, "posterior_iteration": posterior.iteration}
     columns = {"log_weights": posterior.log_weights, "mode": posterior.mode}
     return _file(f"{link}-{snapshot.iteration}-posterior", written(members, draws, columns, form), form)
+
+
+@router.get(
+    "/posterior",
+    response_model=schemas.PosteriorCoordinates,
+    summary="What the scan leaves open, number by number",
+    responses=responses(409, status_404="The session, a link or the iteration is not here, or it is of the search."),
+)
+def get_posterior_coordinates(
+    session_id: SessionId,
+    request: Request,
+    iteration: Iteration = None,
+    links: Annotated[
+        str | None,
+        Query(description="names of links, separated by commas; default: the joints alone", examples=["drawer2"]),
+    ] = None,
+) -> Any:
+    """Positions of the joints, and where the asked links are and how they are turned, in every draw of the posterior:
+    what to set against each other, to see what the scan ties together."""
+    asked = [] if links is None else list(dict.fromkeys(links.split(",")))
+    session, snapshot = read(request, session_id, iteration, asked)
+    snapshot, posterior = _posterior_of(snapshot)
+    found = coordinates(snapshot.problem.mrf.model, posterior, snapshot.placed, asked)
+    return without_nan(
+        {
+            "session_id": session.id,
+            "iteration": snapshot.iteration,
+            "posterior_iteration": posterior.iteration,
+            "log_weights": posterior.log_weights.tolist(),
+            "mode": posterior.mode.tolist(),
+            "coordinates": [vars(one) | {"values": one.values.tolist()} for one in found],
+        }
+    )
 
 
 @router.get(
@@ -244,6 +277,15 @@ def _chunks(file: BinaryIO) -> Iterator[bytes]:
     with file:
         while chunk := file.read(_CHUNK):
             yield chunk
+
+
+def _posterior_of(snapshot: Snapshot) -> tuple[Snapshot, Posterior]:
+    """The snapshot read out, and its posterior. HttpProblem 404 during the search."""
+    snapshot = snapshot.read_out
+    posterior = snapshot.placed.posterior
+    if posterior is None:
+        raise HttpProblem(404, f"iteration {snapshot.iteration} ({snapshot.report.stage}) has no posterior")
+    return snapshot, posterior
 
 
 def _members(session: Source, snapshot: Snapshot) -> dict[str, Any]:

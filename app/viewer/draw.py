@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 import viser
 
-from app.viewer.scene_frame import Axes, Ellipsoids, Frustum, Handle, Lines, Node, Points, SceneFrame, Surface
+from app.viewer.scene_frame import Axes, Ellipsoids, Frustum, Handle, Label, Lines, Node, Points, SceneFrame, Surface
 from pmpnbp.geometry.poses import Array
 
 # Called with a handle's name and the pose (7,) it was dragged to; `done` at the end of the gesture.
@@ -80,6 +80,8 @@ class Drawing:
         if isinstance(node, Ellipsoids):
             vertices, faces = _sphere()
             return scene.add_batched_meshes_simple(name, vertices, faces, **given, **unlit, lod="off")
+        if isinstance(node, Label):
+            return scene.add_label(name, **given, anchor="bottom-center")
         if isinstance(node, Frustum):
             return scene.add_camera_frustum(name, **given, **unlit, thickness=1.25, thickness_units="screen")
         return self._add_handle(node, given)
@@ -140,6 +142,7 @@ _PROPERTIES: dict[type, dict[str, str]] = {
         "opacities": "batched_opacities",
     },
     Frustum: {"colour": "color", "image": "image", "aspect": "aspect", "field_of_view": "fov", "size": "scale"},
+    Label: {"text": "text", "size": "font_screen_scale"},
     Handle: {"size": "scale"},
 }
 

@@ -6,7 +6,7 @@ where the part's frame is, as everywhere in REST, which need not be its middle.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -14,15 +14,28 @@ from app import palette
 from app.palette import DARK_PAPER, PAPER, Colour, rgb
 from app.viewer import scan_points
 from app.viewer.ellipsoids import ellipsoid, ellipsoids
-from app.viewer.gizmos import gizmos
+from app.viewer.gizmos import ACCENT, gizmos
 from app.viewer.scan_points import ScanPoints
-from app.viewer.scene_frame import Axes, Bytes, Ellipsoids, Frustum, Lines, Node, Points, SceneFrame, Surface, Targets
+from app.viewer.scene_frame import (
+    Axes,
+    Bytes,
+    Ellipsoids,
+    Frustum,
+    Label,
+    Lines,
+    Node,
+    Points,
+    SceneFrame,
+    Surface,
+    Targets,
+)
 from app.viewer.stage import Stage
 from app.viewer.view_state import Theme, ViewState
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import Belief, Messages
 from pmpnbp.readout.snapshot import Snapshot
+from pmpnbp.readout.view_planning import FIELD, HEIGHT, WIDTH, PlannedView
 
 # Particles whose orientation is drawn.
 BEST = 24
@@ -39,6 +52,10 @@ ESTIMATE, FAINT, GHOST, SUPPORT, ELLIPSOID = 0.62, 0.12, 0.22, 0.30, 0.6
 PALEST = 0.75
 # Draws of the posterior whose outlines are drawn, and how far towards the background.
 DRAWS, PALE_DRAW = 8, 0.45
+# How large a next view is that is not the emphasised one.
+OTHER_VIEW = 0.6
+# How much larger its rank is.
+EMPHASIS = 1.5
 # Nats below the heaviest from which on a particle is as pale as can be.
 FAINTEST = 12.0
 
@@ -48,11 +65,17 @@ QUIET: Mapping[Theme, Colour] = {"light": rgb("#7b8694"), "dark": rgb("#8b97a6")
 
 
 def frame(
-    snapshot: Snapshot, state: ViewState, stage: Stage, *, compared: tuple[Snapshot, Stage] | None = None
+    snapshot: Snapshot,
+    state: ViewState,
+    stage: Stage,
+    *,
+    compared: tuple[Snapshot, Stage] | None = None,
+    next_views: Sequence[PlannedView] = (),
 ) -> SceneFrame:
     """The scene of iteration `snapshot`.
 
     stage : of the iteration's object and scans; compared : another iteration to lay over it, with its stage
+    next_views : where to look from next, best first
     """
     show, theme = state.show, state.theme
     part_poses = snapshot.placed.part_poses
@@ -73,6 +96,8 @@ def frame(
         nodes.append(_ellipsoids("/particle_ellipsoids", placed.particle_covariances, stage, part_poses, state))
     if show.draws:
         nodes += _draws(snapshot, stage, state)
+    if show.next_views:
+        nodes += _next_views(next_views, stage, state)
     if show.particles:
         nodes += _particles(snapshot.report.belief, stage, state)
     if show.axes and state.part in names:
@@ -188,6 +213,17 @@ def _draws(snapshot: Snapshot, stage: Stage, state: ViewState) -> Iterator[Lines
         pale = _mixed(colour, BACKGROUND[state.theme], PALE_DRAW)
         for place, pose in enumerate(drawn[:, number]):
             yield Lines(f"/draws/{number}/{place}", shape.edges, pale, 1.0, pose)
+
+
+def _next_views(views: Sequence[PlannedView], stage: Stage, state: ViewState) -> Iterator[Node]:
+    """Cameras, each with its rank; one of them larger and in a colour."""
+    field_of_view = 2 * float(np.arctan(np.tan(FIELD / 2) * HEIGHT / WIDTH))
+    for place, view in enumerate(views):
+        chosen = place == (state.next_view or 0)
+        name, size = f"/next_views/{place}", FRUSTUM * stage.size * (1.0 if chosen else OTHER_VIEW)
+        colour = ACCENT[state.theme] if chosen else QUIET[state.theme]
+        yield Frustum(name, view.pose, field_of_view, WIDTH / HEIGHT, size, colour, None)
+        yield Label(f"{name}/rank", f"{place + 1}", EMPHASIS if chosen else 1.0)
 
 
 def _particles(belief: Belief, stage: Stage, state: ViewState) -> Iterator[Points]:

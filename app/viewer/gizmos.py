@@ -30,7 +30,8 @@ STD_XYZ, STD_RPY = 0.08, 0.15
 # Metres around what may be the object, of a region that nobody has drawn.
 _AROUND = 0.05
 
-_COLOURS: Mapping[Theme, tuple[int, int, int]] = {"light": rgb("#345bb5"), "dark": rgb("#8fb0ff")}
+# Of what somebody may do: drag it, or look from there.
+ACCENT: Mapping[Theme, tuple[int, int, int]] = {"light": rgb("#345bb5"), "dark": rgb("#8fb0ff")}
 
 
 def gizmos(stage: Stage, state: ViewState) -> Iterator[Node]:
@@ -85,14 +86,14 @@ def dragged_prior(prior: Mapping[str, Any], pose: Array) -> dict[str, Any]:
 def _region(box: Array, stage: Stage, theme: Theme) -> Iterator[Node]:
     corners = np.array([[box[3 * up + axis] for axis, up in enumerate(ends)] for ends in product((0, 1), repeat=3)])
     pairs = [(a, b) for a in range(8) for b in range(a) if bin(a ^ b).count("1") == 1]
-    yield Lines("/region/box", corners[np.array(pairs)].astype(np.float32), _COLOURS[theme], 2.0)
+    yield Lines("/region/box", corners[np.array(pairs)].astype(np.float32), ACCENT[theme], 2.0)
     size = _CORNER * stage.size
     for name, corner in ((LOW, box[:3]), (HIGH, box[3:])):
         yield Handle(name, np.concatenate([corner, poses.IDENTITY[3:]]), size, turns=False)
 
 
 def _prior(prior: GaussianPrior, stage: Stage, state: ViewState) -> Iterator[Node]:
-    colour, pose = _COLOURS[state.theme], prior.pose_world_link
+    colour, pose = ACCENT[state.theme], prior.pose_world_link
     yield Handle(PRIOR, pose, _TURN * stage.size, turns=True)
     yield ellipsoid("/prior/spread", pose[:3], radius_scale(state.confidence) * prior.std_xyz, colour, 0.16)
     for number, part in enumerate(stage.model.parts):

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from cachetools import LRUCache
 
+from app.next_views import next_views, uncertain
 from app.problems import HttpProblem
 from app.sessions.source import Source
 from app.viewer.camera import Camera
@@ -32,6 +33,7 @@ from pmpnbp.errors import PmpnbpError
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.snapshot import Snapshot
+from pmpnbp.readout.view_planning import PlannedView
 
 # Pictures a second, at most; and the same of a running session where the processor draws them.
 RATE, ECONOMY_RATE = 12.0, 0.5
@@ -134,7 +136,7 @@ class Painter:
             return False
         own = self._stage(self._source, snapshot, scans)
         against = None if compared is None or other is None else (compared, self._stage(other, compared, 0))
-        scene = frame(snapshot, state, own, compared=against)
+        scene = frame(snapshot, state, own, compared=against, next_views=planned(snapshot, state))
         self._begin(own)
         assert self._drawing is not None
         self._drawing.draw(scene)
@@ -210,3 +212,12 @@ class Painter:
             self._view.change(ViewState(prior=dragged_prior(state.prior, pose)))
         elif name != PRIOR and state.region is not None:
             self._view.change(ViewState(region=dragged_region(state.region, name, pose[:3])))
+
+
+def planned(snapshot: Snapshot, state: ViewState) -> list[PlannedView]:
+    """From where to look at what is not certain of the selected part, else of the whole object, where that is shown."""
+    posterior, model = snapshot.placed.posterior, snapshot.problem.mrf.model
+    if not state.show.next_views or posterior is None or posterior.fit.verdict != "good":
+        return []
+    asked = next((part.links for part in model.parts if part.name == state.part), model.links)
+    return [one.view for one in next_views(snapshot, uncertain(snapshot, asked, snapshot.criteria.max_std))]

@@ -96,6 +96,16 @@ class Frustum:
 
 
 @dataclass(frozen=True)
+class Label:
+    """A text at the place of `pose`. size : of its letters, which are as large from wherever it is looked at"""
+
+    name: str
+    text: str
+    size: float = 1.0
+    pose: Array = field(default_factory=lambda: IDENTITY)
+
+
+@dataclass(frozen=True)
 class Handle:
     """What can be dragged; `draw` tells who listens by its name. turns : whether it can be turned too"""
 
@@ -105,7 +115,7 @@ class Handle:
     turns: bool
 
 
-Node = Points | Surface | Lines | Ellipsoids | Axes | Frustum | Handle
+Node = Points | Surface | Lines | Ellipsoids | Axes | Frustum | Label | Handle
 
 
 @dataclass(frozen=True)

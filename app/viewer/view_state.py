@@ -72,6 +72,12 @@ class Layers(Body):
     draws: bool = _layer(
         True, "Belief", "where else it may be", "outlines of uncertain parts where the posterior's draws have them"
     )
+    next_views: bool = _layer(
+        True,
+        "Belief",
+        "where to look next",
+        "cameras from where a scan is expected to tell most of what is not certain, numbered, best first",
+    )
     particles: bool = _layer(True, "Algorithm", "particles", "every part's particles, where the part's frame is")
     particle_ellipsoids: bool = _layer(
         False, "Algorithm", "ellipsoids of the particles", "the covariance of each part's particles, at `confidence`"
@@ -145,6 +151,9 @@ class ViewState(Body):
         examples=[["frame", "drawer2"]],
     )
     particle: _Index | None = Field(default=None, description="index of the selected particle of the selected part")
+    next_view: _Index | None = Field(
+        default=None, description="number of the next view that is emphasised, 0 the best; null for the best"
+    )
     compare: Compare | None = Field(default=None, description="another session or iteration to lay over this one")
     theme: Theme = Field(default="light", description="the ground that is drawn on")
     camera: Eye | None = Field(default=None, description="where it is looked at from; null: where a view begins")

@@ -62,7 +62,7 @@ def marginals(
     ]
     angles, at = poses.to_rpy(particles[:, 3:]), poses.to_rpy(pose[3:])
     for axis, name in enumerate(("roll", "pitch", "yaw")):
-        found.append(histogram(name, "rad", _around(angles[:, axis], at[axis]), weights, float(at[axis]), bins))
+        found.append(histogram(name, "rad", around(angles[:, axis], at[axis]), weights, float(at[axis]), bins))
     return found + _joint_marginals(problem, report, node, placed.joint_positions, bins)
 
 
@@ -96,12 +96,12 @@ def _joint_marginals(problem: Problem, report: IterationReport, node: int, joint
             moved, weights = edge.axis_positions(belief.joint_positions), np.exp(belief.log_weights[0])
         at = edge.axis_positions(joints)
         for axis, name in enumerate(model.edge_axis_names(edge)):
-            values = _around(moved[:, axis], at[axis]) if edge.wraps[axis] else moved[:, axis]
+            values = around(moved[:, axis], at[axis]) if edge.wraps[axis] else moved[:, axis]
             unit: Literal["m", "rad"] = "rad" if edge.revolute[axis] else "m"
             found.append(histogram(f"joint {name}", unit, values, weights, float(at[axis]), bins))
     return found
 
 
-def _around(angles: Array, middle: float) -> Array:
-    """The same angles, at most half a turn from `middle`."""
+def around(angles: Array, middle: Array | float) -> Array:
+    """The same angles, at most half a turn from `middle`, which is one for all or one for each."""
     return middle + (angles - middle + np.pi) % (2 * np.pi) - np.pi

@@ -14,8 +14,10 @@ from app.viewer.scan_points import scan_points
 from app.viewer.scene_frame import SceneFrame
 from app.viewer.stage import Stage, stage
 from app.viewer.view_state import LAYERS, Layers, ViewState
+from pmpnbp.geometry import poses
 from pmpnbp.inference import run as engine
 from pmpnbp.readout.snapshot import Criteria, Snapshot, snapshot
+from pmpnbp.readout.view_planning import PlannedView
 from pmpnbp.recording import prepare
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.scan_files import load_scan
@@ -76,3 +78,9 @@ def drawn(state: ViewState, iteration: int = -1) -> SceneFrame:
     """The frame of an iteration of `scene`."""
     whole = scene()
     return frame(whole.snapshots[iteration], state, whole.stage)
+
+
+def views() -> list[PlannedView]:
+    """Three places beside the scan's camera."""
+    pose = scene().stage.scans[0].camera.pose_world_camera
+    return [PlannedView(poses.multiply(pose, np.array([x, 0, 0, 1, 0, 0, 0]))) for x in (0.0, 0.1, 0.2)]

@@ -13,7 +13,7 @@ from app.viewer.frames import frame
 from app.viewer.gizmos import LOW
 from app.viewer.view_state import LAYERS, Layers, ViewState, merged
 from app.viewer.viser_server import open_server
-from tests.app.scenes import only, scene
+from tests.app.scenes import only, scene, views
 
 EVERYTHING = only(*LAYERS, part="drawer2", particle=3, edge=["frame", "drawer2"], region=[-1, -1, 0, 1, 1, 2])
 
@@ -27,7 +27,7 @@ def server() -> Iterator[Any]:
 
 def draw(drawing: Drawing, state: ViewState, iteration: int = -1) -> None:
     whole = scene()
-    drawing.draw(frame(whole.snapshots[iteration], state, whole.stage))
+    drawing.draw(frame(whole.snapshots[iteration], state, whole.stage, next_views=views()))
 
 
 def kept(server: Any) -> dict[int, Any]:
@@ -43,7 +43,7 @@ def test_what_is_in_the_frame_is_in_viser(server: Any) -> None:
     drawing, state = Drawing(server, nothing), EVERYTHING
     draw(drawing, state)
     whole = scene()
-    wanted = {node.name for node in frame(whole.snapshots[-1], state, whole.stage).nodes}
+    wanted = {node.name for node in frame(whole.snapshots[-1], state, whole.stage, next_views=views()).nodes}
     there = {message.name for message in kept(server).values() if hasattr(message, "props")}
     assert wanted <= there
     draw(drawing, only())
@@ -91,6 +91,7 @@ def test_the_same_frame_sends_nothing(server: Any) -> None:
         {"show": {"image": False}},
         {"part": "frame"},
         {"particle": 5},
+        {"next_view": 1},
         {"edge": ["frame", "drawer1"]},
     ],
 )

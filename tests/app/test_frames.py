@@ -14,12 +14,13 @@ from app.viewer.ellipsoids import ellipsoids, radius_scale
 from app.viewer.frames import BEST, frame
 from app.viewer.gizmos import default_prior
 from app.viewer.scan_points import fits
-from app.viewer.scene_frame import Axes, Ellipsoids, Frustum, Lines, Points, SceneFrame, Surface
+from app.viewer.scene_frame import Axes, Ellipsoids, Frustum, Label, Lines, Points, SceneFrame, Surface
 from app.viewer.view_state import LAYERS, ViewState
 from pmpnbp.geometry import poses
 from pmpnbp.potentials.pixel_kinds import PixelKind
+from pmpnbp.readout.view_planning import FIELD
 from pmpnbp.scene.observation import SUPPORT
-from tests.app.scenes import drawn, estimated, only, scene, shown
+from tests.app.scenes import drawn, estimated, only, scene, shown, views
 
 NAMES = ("frame", "drawer1", "drawer2", "drawer3")
 
@@ -39,6 +40,7 @@ def test_each_layer_draws_its_own() -> None:
         "estimate": {"estimate"},
         "ellipsoids": {"ellipsoids"},
         "draws": {"draws"},
+        "next_views": set(),  # it is told which ones
         "particle_ellipsoids": {"particle_ellipsoids"},
         "truth": {"truth"},
         "planes": {"planes"},
@@ -132,6 +134,23 @@ def test_the_estimate_is_where_the_result_has_it() -> None:
         assert surface.colour == rgb(PART_COLOURS[number]) and 0 < surface.opacity < 1
     widths = [shown(Lines, found, f"/estimate/{number}/edges").width for number in range(4)]
     assert widths[2] > widths[0] == widths[1] == widths[3]
+
+
+def test_next_views_are_numbered_cameras_and_one_stands_out() -> None:
+    whole = scene()
+    for chosen, state in ((0, only("next_views")), (2, only("next_views", next_view=2))):
+        found = frame(whole.snapshots[-1], state, whole.stage, next_views=views())
+        cameras = [shown(Frustum, found, f"/next_views/{place}") for place in range(3)]
+        ranks = [shown(Label, found, f"/next_views/{place}/rank") for place in range(3)]
+        assert [rank.text for rank in ranks] == ["1", "2", "3"] and len(found.nodes) == 6
+        for camera, view in zip(cameras, views(), strict=True):
+            np.testing.assert_array_equal(camera.pose, view.pose)
+            # as wide and as high as the images that views are told apart in
+            assert 2 * np.arctan(np.tan(camera.field_of_view / 2) * camera.aspect) == pytest.approx(FIELD)
+        others = [place for place in range(3) if place != chosen]
+        assert all(cameras[chosen].size > cameras[place].size for place in others)
+        assert all(cameras[chosen].colour != cameras[place].colour for place in others)
+        assert all(ranks[chosen].size > ranks[place].size for place in others)
 
 
 def test_a_drawn_shape_is_the_parts_mesh() -> None:

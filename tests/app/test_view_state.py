@@ -31,6 +31,7 @@ ALL = {
     "part": "drawer2",
     "edge": ["frame", "drawer2"],
     "particle": 3,
+    "next_view": 2,
     "compare": {"session_id": "abc", "iteration": None},
     "theme": "dark",
     "camera": {"position": [1, 2, 3], "look_at": [0, 0, 0.5], "up": [0, 0, 1]},
@@ -45,7 +46,7 @@ def change(**members: Any) -> ViewState:
     return ViewState.model_validate(members)
 
 
-def test_a_new_view_shows_the_newest_with_six_layers() -> None:
+def test_a_new_view_shows_the_newest_with_seven_layers() -> None:
     state = ViewState()
     assert {layer for layer in LAYERS if getattr(state.show, layer)} == {
         "scan",
@@ -54,6 +55,7 @@ def test_a_new_view_shows_the_newest_with_six_layers() -> None:
         "estimate",
         "ellipsoids",
         "draws",
+        "next_views",
     }
     assert state.iteration is None and state.confidence == 0.75 and state.theme == "light"
 

@@ -1,0 +1,94 @@
+"""The places to look from next, what hides what is asked for, and the posterior's coordinates, over REST; the 3D view
+draws the same places."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+
+from app.next_views import TOLD, next_views, uncertain
+from app.schemas_results import Decision, PosteriorCoordinates
+from app.viewer.painter import planned
+from pmpnbp.readout.result import pose_members
+from tests.app import small_sessions as small
+from tests.app.scenes import only, scene
+from tests.app.small_sessions import problem
+
+
+@pytest.fixture(scope="module")
+def rested(client: httpx.Client) -> Iterator[str]:
+    """The path of a session that is at rest, and certain of nothing."""
+    path = small.create(client, max_std=1e-5)
+    client.post(f"{path}/run", json={"until": "converged"}).raise_for_status()
+    assert small.at_rest(client, path)["converged"]
+    yield path
+
+
+def test_a_decision_is_made_by_the_iteration_that_is_named(client: httpx.Client, rested: str) -> None:
+    newest = client.get(f"{rested}/decision").json()
+    iteration = newest["iteration"]
+    assert client.get(f"{rested}/decision?iteration={iteration}").json() == newest
+    early = client.get(f"{rested}/decision?iteration=1").json()
+    assert (early["iteration"], early["action"], early["views"]) == (1, "look", [])
+    problem(client.get(f"{rested}/decision?iteration={iteration + 1}"), 404, f"it has 0 to {iteration}")
+
+
+def test_what_hides_a_link_is_told_of_those_that_block(client: httpx.Client, rested: str) -> None:
+    found = client.get(f"{rested}/decision?links=drawer1,handle2").json()
+    Decision.model_validate(found)
+    links = client.get(f"{rested}/estimate").json()["links"]
+    assert list(found["sight"]) == found["blocking"] == ["drawer1", "handle2"]
+    for link, sight in found["sight"].items():
+        assert sight["seen"] == pytest.approx(links[link]["visible_fraction"])
+        assert sight["seen"] + sight["in_front"] + sum(sight["behind"].values()) == pytest.approx(1.0)
+    assert set(found["sight"]["handle2"]["behind"]) <= {"frame", "drawer1", "drawer3"}
+    assert client.get(f"{rested}/decision?max_std=1000").json()["sight"] == {}
+
+
+def test_the_3d_view_draws_what_the_decision_tells(client: httpx.Client) -> None:
+    newest = scene().snapshots[-1]
+    links = newest.problem.mrf.model.links
+    assert newest.placed.posterior is not None and newest.placed.posterior.fit.verdict == "good"
+    told = next_views(newest, uncertain(newest, links, newest.criteria.max_std))
+    assert 0 < len(told) <= TOLD
+    for part, asked in ((None, links), ("drawer2", ("drawer2", "handle2"))):
+        drawn = planned(newest, only("next_views", part=part))
+        wanted = next_views(newest, uncertain(newest, asked, newest.criteria.max_std))
+        assert [pose_members(view.pose) for view in drawn] == [pose_members(one.view.pose) for one in wanted]
+    assert planned(newest, only()) == []
+    assert planned(scene().snapshots[-2], only("next_views")) == []  # it has no posterior
+
+
+def test_a_ranking_is_made_once_for_a_posterior() -> None:
+    newest = scene().snapshots[-1]
+    assert next_views(newest, ["drawer1"]) is next_views(newest, ["drawer1"])
+    assert next_views(newest, []) == ()
+
+
+def test_coordinates_of_the_posterior_s_draws(client: httpx.Client, rested: str) -> None:
+    answer = client.get(f"{rested}/posterior?links=drawer2")
+    PosteriorCoordinates.model_validate_json(answer.content)
+    found = answer.json()
+    draws = client.get(f"{rested}/posterior/drawer2").json()
+    assert (found["log_weights"], found["mode"]) == (draws["log_weights"], draws["mode"])
+    named: dict[Any, dict[str, Any]] = {(one["link"], one["name"]): one for one in found["coordinates"]}
+    positions = np.array(draws["particles"])[:, :3]
+    for axis, name in enumerate("xyz"):
+        np.testing.assert_array_equal(named["drawer2", name]["values"], positions[:, axis])
+    estimate = client.get(f"{rested}/estimate").json()
+    assert [name for link, name in named if link is None] == [f"joint {name}" for name in estimate["joints"]]
+    slide, weights = named[None, "joint slide2"], np.exp(np.array(found["log_weights"], dtype=float))
+    assert slide["estimate"] == pytest.approx(estimate["joints"]["slide2"]["position"])
+    off = np.array(slide["values"]) - slide["estimate"]
+    assert np.sqrt(np.nan_to_num(weights) @ off**2) == pytest.approx(estimate["joints"]["slide2"]["std"])
+    alone = client.get(f"{rested}/posterior").json()["coordinates"]
+    assert alone == [one for one in found["coordinates"] if one["link"] is None]
+
+
+def test_what_has_no_coordinates_is_told(client: httpx.Client, rested: str) -> None:
+    problem(client.get(f"{rested}/posterior?links=door"), 404, "link 'door' is not in the model")
+    problem(client.get(f"{rested}/posterior?iteration=1"), 404, "iteration 1 (search) has no posterior")

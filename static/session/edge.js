@@ -13,7 +13,7 @@ export function install() {
   byId("edge-close").addEventListener("click", () => changeView({ edge: null, show: { messages: false } }));
   const draw = throttled(drawMessages, () => `${state.view.edge}@${shownIteration()}`, insteadOf("messages"));
   subscribe(["view", "rows", "tab"], () => {
-    if (!state.view.edge || state.tab !== "estimate") return;
+    if (!state.view.edge || state.tab !== "belief") return;
     const [parent, child] = state.view.edge;
     const joints = state.graph.edges.find((edge) => edge.parent === parent && edge.child === child)?.joints ?? [];
     setText(byId("edge-name"), `${parent} – ${child}`);

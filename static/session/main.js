@@ -1,5 +1,6 @@
 // The page of one session: puts its pieces together. What each does stands in its own file.
 
+import * as algorithm from "./algorithm.js";
 import { call } from "./api.js";
 import * as compare from "./compare.js";
 import * as controls from "./controls.js";
@@ -12,6 +13,8 @@ import { follow, refreshEstimate } from "./history.js";
 import * as howSure from "./how_sure.js";
 import * as keyboard from "./keyboard.js";
 import * as layers from "./layers.js";
+import * as nextViews from "./next_views.js";
+import * as pairPlot from "./pair_plot.js";
 import * as part from "./part.js";
 import * as particle from "./particle.js";
 import * as plots from "./plots.js";
@@ -35,8 +38,8 @@ async function begin() {
   controls.install();
   await untilAnswered(declareView);
   tabs.install(new URLSearchParams(location.search).get("tab"));
-  const about = [verdict, timeline, plots, graph, estimate, howSure, part, edge, particle];
-  for (const piece of [...about, layers, economy, compare, share]) piece.install();
+  const about = [verdict, timeline, plots, graph, estimate, howSure, part, nextViews, pairPlot, algorithm, edge];
+  for (const piece of [...about, particle, layers, economy, compare, share]) piece.install();
   keyboard.install(frame);
   settings.install().catch((error) => update({ trouble: error.message }));
   const asked = new URLSearchParams(location.search).get("economy");

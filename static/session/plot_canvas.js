@@ -27,7 +27,7 @@ export function paint(plot, canvas, [first, last]) {
 }
 
 // A pen whose unit is a pixel of the page, however fine the screen is.
-function cleared(canvas, width, height) {
+export function cleared(canvas, width, height) {
   const scale = devicePixelRatio || 1;
   const [columns, rows] = [Math.round(width * scale), Math.round(height * scale)];
   if (canvas.width !== columns) canvas.width = columns;
@@ -48,7 +48,7 @@ function frameOf(plot, rows, [first, last], width, height) {
   return { width, height, low, high, x, y: (value) => MARGIN.top + (1 - share(value)) * down };
 }
 
-function coloursOf(canvas) {
+export function coloursOf(canvas) {
   const style = getComputedStyle(canvas);
   const [quiet, faint, ink] = ["--quiet", "--line", "--ink"].map((name) => style.getPropertyValue(name));
   return { quiet, faint, ink };
@@ -140,7 +140,7 @@ function drawCurve(pen, all, { width, height, x, y }) {
   pen.restore();
 }
 
-function drawDot(pen, x, y, radius = 2.6) {
+export function drawDot(pen, x, y, radius = 2.6) {
   pen.beginPath();
   pen.arc(x, y, radius, 0, 2 * Math.PI);
   pen.fill();
@@ -148,7 +148,7 @@ function drawDot(pen, x, y, radius = 2.6) {
 
 const drawAcross = (pen, width, y) => drawLine(pen, [MARGIN.left, width - MARGIN.right], [y, y]);
 
-function drawLine(pen, xs, ys) {
+export function drawLine(pen, xs, ys) {
   pen.beginPath();
   xs.forEach((x, at) => {
     pen.lineTo(x, ys[at]); // the first one only moves the pen
@@ -180,7 +180,7 @@ function limits(plot, rows) {
 }
 
 // Two to four round numbers.
-function ticks(plot, low, high) {
+export function ticks(plot, low, high) {
   if (plot.log) {
     const powers = [];
     for (let power = Math.ceil(Math.log10(low)); 10 ** power <= high; power++) powers.push(10 ** power);

@@ -20,7 +20,7 @@ export function linkParameters() {
   if (view.particle !== null) parameters.set("particle", view.particle);
   if (view.edge) parameters.set("edge", view.edge.join(","));
   if (view.compare) parameters.set("compare", [view.compare.session_id, view.compare.iteration ?? ""].join(","));
-  if (state.tab !== "estimate") parameters.set("tab", state.tab);
+  if (state.tab !== "belief") parameters.set("tab", state.tab);
   if (view.camera) {
     const { position, look_at: lookAt, up } = view.camera;
     parameters.set("camera", [...position, ...lookAt, ...up].map((value) => Number(value.toFixed(4))).join(","));

@@ -11,7 +11,7 @@ export const state = {
   view: {}, // what the 3D view shows; its members are the server's, see view.js
   estimate: null, // of the iteration that is looked at
   other: null, // the estimate it is compared with
-  tab: "estimate",
+  tab: "belief",
   lost: false, // whether the server was heard last time
   trouble: "", // a sentence about what did not work
   playback: false,

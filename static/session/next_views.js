@@ -1,0 +1,134 @@
+// From where to look next, where a link is not certain? What hides it from the scans, and the places from which another
+// scan is expected to tell most, best first; the 3D view draws them as numbered cameras. Asked for unasked: at rest it
+// takes less time than an iteration.
+
+import { call, iterationQuery, sessionPath } from "./api.js";
+import { byId, h, reconcile, sentence, setText } from "./dom.js";
+import { largest, millimetres, nats, percent } from "./format.js";
+import { turned } from "./pose.js";
+import { colour, hasPosterior, onTheme, partNamed, partOfLink, shownIteration, state, subscribe } from "./state.js";
+import { throttled } from "./throttle.js";
+import { changeView } from "./view.js";
+
+// Of a part less is not worth a word.
+const LITTLE = 0.05;
+// All cameras are seen from so many times as far from the object, and from so much higher, as a share of that.
+const FARTHER = 3.2;
+const STEEP = 0.9;
+
+let answered = null; // with what was asked
+
+export function install() {
+  const ask = throttled(fetchViews, key, sentence("next-calm"));
+  const update = () => {
+    byId("next-views").hidden = !wanted();
+    if (state.tab !== "belief" || !wanted() || !byId("next-views").open) return;
+    show();
+    ask();
+  };
+  byId("next-views").addEventListener("toggle", update);
+  byId("views-all").addEventListener("click", seeAll);
+  subscribe(["estimate", "view", "tab", "graph"], update);
+  onTheme(update);
+}
+
+const uncertain = () => {
+  const links = partNamed(state.view.part)?.links ?? Object.keys(state.estimate?.links ?? {});
+  return links.filter((link) => !state.estimate?.links[link]?.certain);
+};
+const wanted = () => hasPosterior(state.estimate) && state.estimate.fit === "good" && uncertain().length > 0;
+
+// While the inference stays at rest, so do its posterior and what follows from it.
+function key() {
+  const { posterior_iteration: iteration, effective_draws: draws, max_std: limit } = state.estimate;
+  return [iteration, draws, limit, ...uncertain()].join();
+}
+
+async function fetchViews() {
+  if (!wanted()) return;
+  const asked = key();
+  const links = encodeURIComponent(uncertain().join(","));
+  const path = `${sessionPath(state.id)}/decision${iterationQuery(shownIteration())}&links=${links}`;
+  answered = { asked, ...(await call(path)) };
+  show();
+}
+
+function show() {
+  const known = wanted() && answered?.asked === key() ? answered : null;
+  byId("blocked").replaceChildren(...(known ? hidden(known) : []));
+  const views = known?.views ?? [];
+  reconcile(byId("views"), "view-row", views, (_, at) => at, showView);
+  byId("views-calm").hidden = !views.length;
+}
+
+// A line for each part: links that move together are hidden together.
+function hidden({ blocking, sight }) {
+  const parts = new Map(blocking.map((link) => [partOfLink(link) ?? { name: link }, link]));
+  return [...parts].map(([part, link]) =>
+    h("li", {}, [
+      h("span", { class: "swatch", css: { "background-color": colour(part) }, "aria-hidden": "true" }),
+      h("span", {}, `${part.name}: ${blocked(sight[link])}`),
+    ]),
+  );
+}
+
+function blocked(sight) {
+  if (!sight) return "outside the scans";
+  const others = Object.entries(sight.behind).map(([part, share]) => [share, `behind ${part}`]);
+  const reasons = [...others, [sight.in_front, "behind something else"]].filter(([share]) => share > LITTLE);
+  const words = reasons.map(([share, where]) => `${percent(share)} ${where}`);
+  return [`${percent(sight.seen)} in sight`, ...words].join(", ");
+}
+
+function showView(row, view, at) {
+  const press = row.firstElementChild;
+  const [index, bar, gain, after] = press.children;
+  const best = answered.views[0].expected_gain_nats || 1;
+  setText(index, `${at + 1}`);
+  bar.style.setProperty("--share", view.expected_gain_nats / best);
+  setText(gain, nats(view.expected_gain_nats));
+  const [link, std] = worst(view);
+  setText(after, `then ${link} ±${millimetres(std)}`);
+  press.setAttribute("aria-pressed", String((state.view.next_view ?? 0) === at));
+  const emphasise = () => state.view.next_view !== at && changeView({ next_view: at });
+  Object.assign(press, { onmouseenter: emphasise, onfocus: emphasise });
+  press.onclick = () => changeView({ next_view: at, camera: eye(view.pose) });
+}
+
+// The link that is expected to be known least after a scan from there.
+function worst({ expected_std_xyz: stds }) {
+  const all = Object.entries(stds).map(([link, std]) => [link, largest(std)]);
+  return all.reduce((most, one) => (one[1] > most[1] ? one : most));
+}
+
+// A camera's pose as the 3D view looks from there, about the point ahead that is nearest to the object's middle.
+function eye({ position, orientation }) {
+  const ahead = turned([0, 0, 1], orientation);
+  const at = listed(position);
+  const far = Math.max(0.1, dot(ahead, minus(middle(), at)));
+  return { position: at, look_at: plus(at, ahead, far), up: turned([0, -1, 0], orientation) };
+}
+
+// Look at the object with all of the cameras around it, from above the best one's side.
+function seeAll() {
+  const { views } = answered;
+  const centre = middle();
+  const eyes = views.map((view) => minus(listed(view.pose.position), centre));
+  const up = unit(views.map((view) => turned([0, -1, 0], view.pose.orientation)).reduce((sum, one) => plus(sum, one)));
+  const level = plus(eyes[0], up, -dot(eyes[0], up));
+  const aside = plus(unit(level), up, STEEP);
+  const far = FARTHER * Math.max(...eyes.map((one) => Math.hypot(...one)));
+  changeView({ camera: { position: plus(centre, unit(aside), far), look_at: centre, up }, show: { next_views: true } });
+}
+
+const listed = ({ x, y, z }) => [x, y, z];
+const dot = (a, b) => a.reduce((sum, one, axis) => sum + one * b[axis], 0);
+const plus = (a, b, factor = 1) => a.map((one, axis) => one + factor * b[axis]);
+const minus = (a, b) => plus(a, b, -1);
+const unit = (a) => a.map((one) => one / (Math.hypot(...a) || 1));
+
+// Of where the links are.
+function middle() {
+  const all = Object.values(state.estimate.links).map(({ pose }) => listed(pose.position));
+  return all.reduce((sum, one) => plus(sum, one, 1 / all.length), [0, 0, 0]);
+}

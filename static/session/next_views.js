@@ -4,17 +4,25 @@
 
 import { call, iterationQuery, sessionPath } from "./api.js";
 import { byId, h, reconcile, sentence, setText } from "./dom.js";
-import { largest, millimetres, nats, percent } from "./format.js";
-import { turned } from "./pose.js";
+import { largest, millimetres, nats, percent, plural } from "./format.js";
 import { colour, hasPosterior, onTheme, partNamed, partOfLink, shownIteration, state, subscribe } from "./state.js";
 import { throttled } from "./throttle.js";
+import { cross, dot, listed, mean, minus, plus, turned, unit } from "./vectors.js";
 import { changeView } from "./view.js";
 
 // Of a part less is not worth a word.
 const LITTLE = 0.05;
+// Parts whose sight is told.
+const LISTED = 4;
+// Nats below which a scan is hardly worth its while.
+const WORTH = 0.1;
+const MORE = "Gain in nats, and the widest link after a scan from there.";
+const NO_MORE = "No place around the object is expected to tell much more.";
 // All cameras are seen from so many times as far from the object, and from so much higher, as a share of that.
 const FARTHER = 3.2;
 const STEEP = 0.9;
+// Below this square of the sine between them, two directions are taken for one.
+const LEVEL = 1e-3;
 
 let answered = null; // with what was asked
 
@@ -59,17 +67,24 @@ function show() {
   const views = known?.views ?? [];
   reconcile(byId("views"), "view-row", views, (_, at) => at, showView);
   byId("views-calm").hidden = !views.length;
+  if (views.length) setText(byId("views-more"), views[0].expected_gain_nats < WORTH ? NO_MORE : MORE);
 }
 
-// A line for each part: links that move together are hidden together.
+// A line for each part, least known first: links that move together are hidden together.
 function hidden({ blocking, sight }) {
+  const std = (link) => largest(state.estimate.links[link].std_xyz);
   const parts = new Map(blocking.map((link) => [partOfLink(link) ?? { name: link }, link]));
-  return [...parts].map(([part, link]) =>
-    h("li", {}, [
-      h("span", { class: "swatch", css: { "background-color": colour(part) }, "aria-hidden": "true" }),
-      h("span", {}, `${part.name}: ${blocked(sight[link])}`),
-    ]),
-  );
+  const all = [...parts].sort(([, one], [, other]) => std(other) - std(one));
+  const lines = all
+    .slice(0, LISTED)
+    .map(([part, link]) =>
+      h("li", {}, [
+        h("span", { class: "swatch", css: { "background-color": colour(part) }, "aria-hidden": "true" }),
+        h("span", {}, `${part.name} ±${millimetres(std(link))}: ${blocked(sight[link])}`),
+      ]),
+    );
+  if (all.length > LISTED) lines.push(h("li", {}, h("span", {}), `and ${plural(all.length - LISTED, "other")}`));
+  return lines;
 }
 
 function blocked(sight) {
@@ -114,21 +129,21 @@ function seeAll() {
   const { views } = answered;
   const centre = middle();
   const eyes = views.map((view) => minus(listed(view.pose.position), centre));
-  const up = unit(views.map((view) => turned([0, -1, 0], view.pose.orientation)).reduce((sum, one) => plus(sum, one)));
+  const up = upwards(views);
   const level = plus(eyes[0], up, -dot(eyes[0], up));
   const aside = plus(unit(level), up, STEEP);
   const far = FARTHER * Math.max(...eyes.map((one) => Math.hypot(...one)));
   changeView({ camera: { position: plus(centre, unit(aside), far), look_at: centre, up }, show: { next_views: true } });
 }
 
-const listed = ({ x, y, z }) => [x, y, z];
-const dot = (a, b) => a.reduce((sum, one, axis) => sum + one * b[axis], 0);
-const plus = (a, b, factor = 1) => a.map((one, axis) => one + factor * b[axis]);
-const minus = (a, b) => plus(a, b, -1);
-const unit = (a) => a.map((one) => one / (Math.hypot(...a) || 1));
+// Up in world: cameras that look around level have it across all of their right sides.
+function upwards(views) {
+  const up = turned([0, -1, 0], views[0].pose.orientation);
+  const rights = views.map((view) => turned([1, 0, 0], view.pose.orientation));
+  const across = rights.map((right) => cross(rights[0], right)).reduce((a, b) => (dot(b, b) > dot(a, a) ? b : a));
+  if (dot(across, across) < LEVEL) return up;
+  return unit(across.map((one) => one * Math.sign(dot(across, up))));
+}
 
 // Of where the links are.
-function middle() {
-  const all = Object.values(state.estimate.links).map(({ pose }) => listed(pose.position));
-  return all.reduce((sum, one) => plus(sum, one, 1 / all.length), [0, 0, 0]);
-}
+const middle = () => mean(Object.values(state.estimate.links).map(({ pose }) => listed(pose.position)));

@@ -8,8 +8,17 @@ from typing import Any
 import numpy as np
 from playwright.sync_api import Locator, Page
 
+from tests.app import small_sessions as small
 from tests.browser.conftest import PATIENCE, pixels
 from tests.servers import Served
+
+
+def at_rest(served: Served, **members: Any) -> str:
+    """The path of a small session that has come to rest just now."""
+    session = small.after(served.client, 2, name="a cabinet", **members)
+    served.client.post(f"{session}/run", json={"until": "converged"}).raise_for_status()
+    assert small.at_rest(served.client, session)["converged"]
+    return session
 
 
 def opened(page: Page, served: Served, session: str, query: str = "") -> Page:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from playwright.sync_api import Page, Route, expect
 
 from tests.app import small_sessions as small
 from tests.browser.conftest import DESK, PATIENCE, PHONE, pixels, scrolls_sideways
-from tests.browser.session_page import has_colour, opened, tab, view, wait, written
+from tests.browser.session_page import at_rest, has_colour, opened, tab, view, wait, written
 from tests.servers import Served
 
 expect.set_options(timeout=PATIENCE)
@@ -45,14 +44,6 @@ OTHER_WORDS = """(members) => {
     return value?.constructor === Object && "until" in value ? Object.assign(value, members) : value;
   };
 }"""
-
-
-def at_rest(served: Served, **members: Any) -> str:
-    """The path of a small session that has come to rest just now."""
-    session = small.after(served.client, 2, name="a cabinet", **members)
-    served.client.post(f"{session}/run", json={"until": "converged"}).raise_for_status()
-    assert small.at_rest(served.client, session)["converged"]
-    return session
 
 
 @pytest.fixture(scope="module")
@@ -156,12 +147,9 @@ def test_a_standard_deviation_stands_against_its_limit(
         expect(shown.locator("#std-limit")).to_have_text(f"of {written(limit)}\u202fmm")
         for name, link in estimate["links"].items():
             row = shown.locator("#links tr", has=shown.get_by_role("rowheader", name=name))
-            std, particles, add = (
-                1000 * value for value in (max(link["std_xyz"]), max(link["particle_std_xyz"]), link["expected_add"])
-            )
+            std, add = 1000 * max(link["std_xyz"]), 1000 * link["expected_add"]
             expect(row.locator("td").nth(0)).to_have_text(f"±{written(std)}\u202fmm")
             told = row.locator("td").nth(0).get_attribute("title") or ""
-            assert f"particles ±{written(particles)}\u202fmm: the algorithm's, no uncertainty" in told
             assert f"off by {written(add)}\u202fmm" in told
             gauge = row.locator(".gauge")
             expect(gauge).to_have_attribute("data-over", str(std > limit).lower())
@@ -231,7 +219,7 @@ def test_how_sure_is_told_when_it_is_asked_for(page: Page, served: Served, on_th
     # what the session has come to is not told by that
     expect(page.locator("#certain")).to_have_text("Not at rest yet")
     expect(tab(page, "Share").locator("#share-curl")).to_contain_text("estimate?iteration=6&posterior=true")
-    tab(page, "Estimate")
+    tab(page, "Belief")
     # it is kept, and the search has none to tell
     slider = page.get_by_role("slider", name="Iteration")
     slider.fill("5")
@@ -295,7 +283,10 @@ def test_the_hypotheses_of_a_part(page: Page, served: Served, certain: str) -> N
     expect(page.locator("#particle-modes li")).to_have_count(len(link["particle_modes"]))
     facts = page.locator("#part-facts")
     expect(facts).to_contain_text(f"± {written(1000 * max(link['std_xyz']))}".replace(" ", "\u202f"))
-    expect(facts).to_contain_text(f"particles ±\u202f{written(1000 * max(link['particle_std_xyz']))}")
+    expect(facts).to_contain_text(f"off by {written(1000 * link['expected_add'])}\u202fmm (ADD)")
+    expect(page.locator("#part-doubt")).to_have_text("Certain.")
+    particles = page.locator("#particle-facts")
+    expect(particles).to_contain_text(f"particles ±\u202f{written(1000 * max(link['particle_std_xyz']))}")
 
 
 def test_comparing_with_what_is_not_at_rest(page: Page, served: Served, certain: str) -> None:

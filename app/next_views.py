@@ -16,6 +16,8 @@ from pmpnbp.readout.view_planning import PlannedView, RankedView, around, ranked
 
 # Views that are told, of those that are tried around the object.
 TOLD = 6
+# Nats of expected gain below which a scan is hardly worth its while, and a view is not drawn.
+WORTH = 0.1
 # Rankings kept.
 _KEPT = 16
 

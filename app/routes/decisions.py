@@ -9,7 +9,7 @@ import numpy as np
 from fastapi import APIRouter, Query, Request
 
 from app import schemas_results as schemas
-from app.next_views import next_views, ranking, uncertain
+from app.next_views import WORTH, next_views, ranking, uncertain
 from app.problems import HttpProblem, responses
 from app.routes.parameters import Iteration, SessionId, check_links, read
 from app.schemas import DecisionRequest
@@ -118,6 +118,7 @@ def _views(snapshot: Snapshot, links: Sequence[str], views: Sequence[PlannedView
             "pose": pose_members(one.view.pose),
             "cost": one.view.cost,
             "expected_gain_nats": one.gain,
+            "worthwhile": one.gain >= WORTH,
             "expected_std_xyz": dict(zip(links, one.std_xyz.tolist(), strict=True)),
         }
         for one in found

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from cachetools import LRUCache
 
-from app.next_views import next_views, uncertain
+from app.next_views import WORTH, next_views, uncertain
 from app.problems import HttpProblem
 from app.sessions.source import Source
 from app.viewer.camera import Camera
@@ -215,9 +215,11 @@ class Painter:
 
 
 def planned(snapshot: Snapshot, state: ViewState) -> list[PlannedView]:
-    """From where to look at what is not certain of the selected part, else of the whole object, where that is shown."""
+    """From where it is worth to look at what is not certain of the selected part, else of the whole object, where that
+    is shown."""
     posterior, model = snapshot.placed.posterior, snapshot.problem.mrf.model
     if not state.show.next_views or posterior is None or posterior.fit.verdict != "good":
         return []
     asked = next((part.links for part in model.parts if part.name == state.part), model.links)
-    return [one.view for one in next_views(snapshot, uncertain(snapshot, asked, snapshot.criteria.max_std))]
+    found = next_views(snapshot, uncertain(snapshot, asked, snapshot.criteria.max_std))
+    return [one.view for one in found if one.gain >= WORTH]

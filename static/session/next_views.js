@@ -14,10 +14,6 @@ import { changeView } from "./view.js";
 const LITTLE = 0.05;
 // Parts whose sight is told.
 const LISTED = 4;
-// Nats below which a scan is hardly worth its while.
-const WORTH = 0.1;
-const MORE = "Gain in nats, and the widest link after a scan from there.";
-const NO_MORE = "No place around the object is expected to tell much more.";
 // All cameras are seen from so many times as far from the object, and from so much higher, as a share of that.
 const FARTHER = 3.2;
 const STEEP = 0.9;
@@ -64,10 +60,10 @@ async function fetchViews() {
 function show() {
   const known = wanted() && answered?.asked === key() ? answered : null;
   byId("blocked").replaceChildren(...(known ? hidden(known) : []));
-  const views = known?.views ?? [];
+  const views = known?.views.filter((view) => view.worthwhile) ?? []; // those that are drawn
   reconcile(byId("views"), "view-row", views, (_, at) => at, showView);
-  byId("views-calm").hidden = !views.length;
-  if (views.length) setText(byId("views-more"), views[0].expected_gain_nats < WORTH ? NO_MORE : MORE);
+  byId("views").hidden = byId("views-calm").hidden = !views.length;
+  byId("views-none").hidden = !known || views.length > 0;
 }
 
 // A line for each part, least known first: links that move together are hidden together.
@@ -83,7 +79,15 @@ function hidden({ blocking, sight }) {
         h("span", {}, `${part.name} ±${millimetres(std(link))}: ${blocked(sight[link])}`),
       ]),
     );
-  if (all.length > LISTED) lines.push(h("li", {}, h("span", {}), `and ${plural(all.length - LISTED, "other")}`));
+  if (all.length > LISTED)
+    lines.push(
+      h(
+        "li",
+        {},
+        h("span", { class: "swatch", css: { visibility: "hidden" } }),
+        `and ${plural(all.length - LISTED, "other")}`,
+      ),
+    );
   return lines;
 }
 

@@ -3,29 +3,43 @@ draws the same places."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Callable
 from typing import Any
 
 import httpx
 import numpy as np
 import pytest
 
-from app.next_views import TOLD, next_views, uncertain
+from app.next_views import TOLD, WORTH, next_views, uncertain
 from app.schemas_results import Decision, PosteriorCoordinates
 from app.viewer.painter import planned
 from pmpnbp.readout.result import pose_members
 from tests.app import small_sessions as small
 from tests.app.scenes import only, scene
 from tests.app.small_sessions import problem
+from tests.servers import Served
 
 
 @pytest.fixture(scope="module")
-def rested(client: httpx.Client) -> Iterator[str]:
+def served(serve_for_module: Callable[..., Served]) -> Served:
+    """A server for the whole file, whose kernels are there."""
+    return serve_for_module().ready()
+
+
+@pytest.fixture(scope="module")
+def client(served: Served) -> httpx.Client:
+    """Calls to it."""
+    return served.client
+
+
+@pytest.fixture(scope="module")
+def rested(client: httpx.Client) -> str:
     """The path of a session that is at rest, and certain of nothing."""
     path = small.create(client, max_std=1e-5)
     client.post(f"{path}/run", json={"until": "converged"}).raise_for_status()
     assert small.at_rest(client, path)["converged"]
-    yield path
+    return path
 
 
 def test_a_decision_is_made_by_the_iteration_that_is_named(client: httpx.Client, rested: str) -> None:
@@ -49,18 +63,30 @@ def test_what_hides_a_link_is_told_of_those_that_block(client: httpx.Client, res
     assert client.get(f"{rested}/decision?max_std=1000").json()["sight"] == {}
 
 
-def test_the_3d_view_draws_what_the_decision_tells(client: httpx.Client) -> None:
-    newest = scene().snapshots[-1]
-    links = newest.problem.mrf.model.links
-    assert newest.placed.posterior is not None and newest.placed.posterior.fit.verdict == "good"
-    told = next_views(newest, uncertain(newest, links, newest.criteria.max_std))
-    assert 0 < len(told) <= TOLD
-    for part, asked in ((None, links), ("drawer2", ("drawer2", "handle2"))):
+def test_the_3d_view_draws_what_the_decision_tells(client: httpx.Client, served: Served) -> None:
+    """From above the open drawer hides those below it, which may be anywhere along their slides."""
+    prior = json.loads((small.CABINET / "from_above" / "prior.json").read_text())
+    path = small.create(client, scan_id=small.upload_scan(client, "from_above"), roi=None, prior=prior)
+    client.post(f"{path}/run", json={"until": "converged"}).raise_for_status()
+    small.at_rest(client, path)
+    archive = served.app.state.sessions.get(path.rsplit("/", 1)[1]).archive
+    newest = archive.read()
+    for part, query in ((None, ""), ("drawer2", "?links=drawer2,handle2")):
+        told = [view for view in client.get(f"{path}/decision{query}").json()["views"] if view["worthwhile"]]
         drawn = planned(newest, only("next_views", part=part))
-        wanted = next_views(newest, uncertain(newest, asked, newest.criteria.max_std))
-        assert [pose_members(view.pose) for view in drawn] == [pose_members(one.view.pose) for one in wanted]
+        assert [pose_members(view.pose) for view in drawn] == [view["pose"] for view in told]
+        assert 0 < len(told) <= TOLD and all(view["expected_gain_nats"] >= WORTH for view in told)
+    assert planned(newest, only("next_views", part="drawer1")) == []  # it is certain
     assert planned(newest, only()) == []
-    assert planned(scene().snapshots[-2], only("next_views")) == []  # it has no posterior
+    assert planned(archive.read(1), only("next_views")) == []  # it has no posterior
+
+
+def test_what_tells_too_little_is_not_drawn() -> None:
+    newest = scene().snapshots[-1]
+    told = next_views(newest, newest.problem.mrf.model.links)
+    assert told and max(one.gain for one in told) < WORTH
+    assert uncertain(newest, ["drawer1"], newest.criteria.max_std) == ["drawer1"]
+    assert planned(newest, only("next_views", part="drawer1")) == []
 
 
 def test_a_ranking_is_made_once_for_a_posterior() -> None:

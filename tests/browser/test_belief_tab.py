@@ -71,9 +71,9 @@ def decision(served: Served, session: str) -> dict[str, Any]:
     return found
 
 
-def test_where_to_look_next_is_told_and_looked_from(page: Page, served: Served, uncertain: str) -> None:
-    told = decision(served, uncertain)
-    opened(page, served, uncertain)
+def test_where_to_look_next_is_told_and_looked_from(page: Page, served: Served, hidden: str) -> None:
+    told = decision(served, hidden)
+    opened(page, served, hidden)
     rows = page.locator("#views .row")
     expect(rows).to_have_count(len(told["views"]))
     for place, one in enumerate(told["views"]):
@@ -117,15 +117,26 @@ def test_what_hides_a_link_is_told(page: Page, served: Served, hidden: str) -> N
     assert any(sight["behind"] for sight in told["sight"].values())
 
 
-def test_a_chosen_part_is_asked_about_alone(page: Page, served: Served, uncertain: str) -> None:
-    opened(page, served, uncertain, "?part=drawer2")
-    told = served.client.get(f"{uncertain}/decision?links=drawer2,handle2").json()
+def test_a_chosen_part_is_asked_about_alone(page: Page, served: Served, hidden: str) -> None:
+    opened(page, served, hidden, "?part=drawer2")
+    told = served.client.get(f"{hidden}/decision?links=drawer2,handle2").json()
     rows = page.locator("#views .row")
     expect(rows).to_have_count(len(told["views"]))
-    expect(rows.first).to_contain_text(f"{told['views'][0]['expected_gain_nats']:.1f}")
+    gain = f"{told['views'][0]['expected_gain_nats']:.1f}"
+    assert gain != f"{decision(served, hidden)['views'][0]['expected_gain_nats']:.1f}"
+    expect(rows.first).to_contain_text(gain)
     expect(page.locator("#blocked li")).to_have_count(1)
-    expect(page.locator("#views-more")).to_have_text("No place around the object is expected to tell much more.")
-    expect(page.locator("#part-doubt")).to_have_text("Not certain: its std is above 0.0\u202fmm.")
+    expect(page.locator("#part-doubt")).to_have_text("Not certain: its std is above 2.5\u202fmm.")
+
+
+def test_that_no_place_tells_more_is_told(page: Page, served: Served, uncertain: str) -> None:
+    """All of it is in sight and known as well as a scan can tell, which is less than what was asked for."""
+    told = decision(served, uncertain)
+    assert told["views"] and not any(one["worthwhile"] for one in told["views"])
+    opened(page, served, uncertain)
+    expect(page.locator("#views-none")).to_be_visible()
+    expect(page.locator("#views")).to_be_hidden()
+    expect(page.locator("#blocked li")).to_have_count(4)
 
 
 def test_nobody_looks_for_what_is_certain(page: Page, served: Served) -> None:

@@ -1,11 +1,11 @@
 // From where to look next, where a link is not certain? What hides it from the scans, and the places from which another
-// scan is expected to tell most, best first; the 3D view draws them as numbered cameras. Asked for unasked: at rest it
-// takes less time than an iteration.
+// scan is expected to tell most, best first; the 3D view draws them as numbered cameras. They are asked for unasked: at
+// rest that takes less time than two iterations.
 
 import { call, iterationQuery, sessionPath } from "./api.js";
 import { byId, h, reconcile, sentence, setText } from "./dom.js";
 import { largest, millimetres, nats, percent, plural } from "./format.js";
-import { colour, hasPosterior, onTheme, partNamed, partOfLink, shownIteration, state, subscribe } from "./state.js";
+import { colour, hasPosterior, onTheme, partNamed, partOfLink, state, subscribe } from "./state.js";
 import { throttled } from "./throttle.js";
 import { cross, dot, listed, mean, minus, plus, turned, unit } from "./vectors.js";
 import { changeView } from "./view.js";
@@ -44,6 +44,7 @@ const wanted = () => hasPosterior(state.estimate) && state.estimate.fit === "goo
 
 // While the inference stays at rest, so do its posterior and what follows from it.
 function key() {
+  if (!wanted()) return "";
   const { posterior_iteration: iteration, effective_draws: draws, max_std: limit } = state.estimate;
   return [iteration, draws, limit, ...uncertain()].join();
 }
@@ -52,8 +53,9 @@ async function fetchViews() {
   if (!wanted()) return;
   const asked = key();
   const links = encodeURIComponent(uncertain().join(","));
-  const path = `${sessionPath(state.id)}/decision${iterationQuery(shownIteration())}&links=${links}`;
+  const path = `${sessionPath(state.id)}/decision${iterationQuery(state.estimate.iteration)}&links=${links}`;
   answered = { asked, ...(await call(path)) };
+  if (state.view.next_view !== null) changeView({ next_view: null }); // it was one of others
   show();
 }
 

@@ -5,7 +5,7 @@ import { call, iterationQuery, sessionPath } from "./api.js";
 import { byId, h, sentence } from "./dom.js";
 import { DEGREES, number, percent, plural } from "./format.js";
 import { MODE_COLOURS, paintPair } from "./pair_canvas.js";
-import { hasPosterior, onTheme, shownIteration, state, subscribe } from "./state.js";
+import { hasPosterior, onTheme, state, subscribe } from "./state.js";
 import { throttled } from "./throttle.js";
 
 const POSE = ["x", "y", "z", "roll", "pitch", "yaw"];
@@ -46,17 +46,22 @@ function links() {
   return [...new Set([Object.keys(state.estimate.links)[0], ...asked.filter(Boolean)])];
 }
 
-const key = () => [shownIteration(), state.estimate.posterior_iteration, ...links()].join();
+// While the inference stays at rest, so do the draws.
+function key() {
+  if (!hasPosterior(state.estimate)) return "";
+  return [state.estimate.posterior_iteration, state.estimate.effective_draws, ...links()].join();
+}
 
 async function fetchDraws() {
-  const path = `${sessionPath(state.id)}/posterior${iterationQuery(shownIteration())}`;
+  if (!hasPosterior(state.estimate)) return;
+  const path = `${sessionPath(state.id)}/posterior${iterationQuery(state.estimate.iteration)}`;
   const found = await call(`${path}&links=${encodeURIComponent(links().join(","))}`);
   answer = { ...found, weights: found.log_weights.map((one) => (one === null ? 0 : Math.exp(one))) };
   show();
 }
 
 function show() {
-  if (!answer || !hasPosterior(state.estimate) || !byId("pair").open) return;
+  if (answer === null || answer.posterior_iteration !== state.estimate?.posterior_iteration) return; // on its way
   const known = new Map(answer.coordinates.map((one) => [keyOf(one), one]));
   const [first, second] = widest();
   const across = known.get(chosen.across ?? keyOf(first));

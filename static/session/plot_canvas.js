@@ -1,5 +1,5 @@
 // How is one plot drawn on its canvas? The frame says where iterations and values are; each function below draws one
-// kind of thing into it.
+// kind of thing into it. Pen, ticks, lines and dots are those of pair_canvas.js, too.
 
 import { colour, rowAt, shownIteration, state } from "./state.js";
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from pmpnbp.geometry import poses
 from tests.app import small_sessions as small
@@ -203,3 +203,45 @@ def test_two_coordinates_of_the_draws(new_page: Any, served: Served, uncertain: 
     canvas.scroll_into_view_if_needed()
     wait(page, lambda: has_colour(canvas, accent) and has_colour(canvas, ink))
     expect(page.locator("#pair-modes")).to_contain_text("the estimate")
+
+
+def test_each_alternative_has_a_colour_of_its_own(page: Page, served: Served, uncertain: str) -> None:
+    """As if every second draw were of another mode."""
+
+    def told(route: Route) -> None:
+        answer = route.fetch()
+        (own,) = answer.json()["alternatives"]
+        route.fulfill(
+            response=answer, json=answer.json() | {"alternatives": [own | {"weight": 0.6}, own | {"weight": 0.4}]}
+        )
+
+    def drawn(route: Route) -> None:
+        answer = route.fetch()
+        modes = [number % 2 for number in range(len(answer.json()["mode"]))]
+        route.fulfill(response=answer, json=answer.json() | {"mode": modes})
+
+    page.route(f"**{uncertain}/estimate?*", told)
+    page.route(f"**{uncertain}/posterior?*", drawn)
+    opened(page, served, uncertain)
+    summary = page.get_by_text("Two coordinates")
+    expect(summary).to_be_visible()
+    summary.click()
+    entries = page.locator("#pair-modes li")
+    expect(entries).to_have_text(["+the estimate", "60\u202f% alternative 1", "40\u202f% alternative 2"])
+    canvas = page.locator("#pair-canvas")
+    canvas.scroll_into_view_if_needed()
+    wait(page, lambda: has_colour(canvas, "#345bb5") and has_colour(canvas, "#a36410"))
+
+
+def test_what_was_asked_for_goes_with_a_reset(page: Page, served: Served) -> None:
+    """Nothing of the belief that is gone is told, and it comes again with the next one."""
+    session = at_rest(served, max_std=1e-5)
+    opened(page, served, session)
+    expect(page.locator("#blocked li")).to_have_count(4)
+    page.locator("#pair summary").click()
+    expect(page.locator("#pair-canvas")).to_have_attribute("aria-label", re.compile("draws of the posterior"))
+    served.client.post(f"{session}/reset").raise_for_status()
+    expect(page.locator("#next-views")).to_be_hidden()
+    expect(page.locator("#pair")).to_be_hidden()
+    served.client.post(f"{session}/run", json={"until": "converged"}).raise_for_status()
+    expect(page.locator("#blocked li")).to_have_count(4)

@@ -15,7 +15,7 @@ const LITTLE = 0.05;
 // Parts whose sight is told.
 const LISTED = 4;
 // All cameras are seen from so many times as far from the object, and from so much higher, as a share of that.
-const FARTHER = 3.2;
+const FARTHER = 3.4;
 const STEEP = 0.9;
 // Below this square of the sine between them, two directions are taken for one.
 const LEVEL = 1e-3;
@@ -138,7 +138,9 @@ function seeAll() {
   const up = upwards(views);
   const level = plus(eyes[0], up, -dot(eyes[0], up));
   const aside = plus(unit(level), up, STEEP);
-  const far = FARTHER * Math.max(...eyes.map((one) => Math.hypot(...one)));
+  const { clientWidth: width, clientHeight: height } = byId("scene");
+  const reach = Math.max(...eyes.map((one) => Math.hypot(...one)));
+  const far = FARTHER * reach * Math.max(1, height / width); // its field of view is from top to bottom
   changeView({ camera: { position: plus(centre, unit(aside), far), look_at: centre, up }, show: { next_views: true } });
 }
 

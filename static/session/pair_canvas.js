@@ -11,6 +11,7 @@ const MARGIN = { left: 44, bottom: 32, top: 6, right: 6 };
 const EDGE = 38; // pixels of a histogram's height
 const GAP = 5;
 const BINS = 32;
+const TICKS = 4; // of an axis, about
 const CROSS = 7; // pixels of half the estimate's cross
 const DOT = 4.5; // radius of the heaviest draw; the lightest ones are still to be seen
 const LEAST = 0.9;
@@ -64,7 +65,7 @@ function written(all) {
 }
 
 function drawAcross(pen, axis, x, { left, right, top, bottom }, { quiet, faint }) {
-  const all = ticks(axis, axis.low, axis.high);
+  const all = ticks(axis, axis.low, axis.high, TICKS);
   const write = written(all);
   pen.textBaseline = "alphabetic";
   pen.textAlign = "center";
@@ -78,7 +79,7 @@ function drawAcross(pen, axis, x, { left, right, top, bottom }, { quiet, faint }
 }
 
 function drawUp(pen, axis, y, { left, right, top, bottom }, { quiet, faint }) {
-  const all = ticks(axis, axis.low, axis.high);
+  const all = ticks(axis, axis.low, axis.high, TICKS);
   const write = written(all);
   pen.textBaseline = "middle";
   pen.textAlign = "right";

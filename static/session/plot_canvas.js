@@ -179,8 +179,8 @@ function limits(plot, rows) {
   return [plot.zero ? 0 : low - room, high + room];
 }
 
-// Two to four round numbers.
-export function ticks(plot, low, high) {
+// Round numbers, at a linear scale about `count` of them.
+export function ticks(plot, low, high, count = 2.4) {
   if (plot.log) {
     const powers = [];
     for (let power = Math.ceil(Math.log10(low)); 10 ** power <= high; power++) powers.push(10 ** power);
@@ -192,7 +192,7 @@ export function ticks(plot, low, high) {
       .sort((a, b) => a - b)
       .slice(-3);
   }
-  const rough = (high - low) / 2.4;
+  const rough = (high - low) / count;
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map((m) => m * power).find((value) => value >= rough) ?? rough;
   const rounds = [];

@@ -110,6 +110,7 @@ function showView(row, view, at) {
   setText(gain, nats(view.expected_gain_nats));
   const [link, std] = worst(view);
   setText(after, `then ${link} ±${millimetres(std)}`);
+  press.setAttribute("aria-label", `look from place ${at + 1}: gain ${gain.textContent} nats, ${after.textContent}`);
   press.setAttribute("aria-pressed", String((state.view.next_view ?? 0) === at));
   const emphasise = () => state.view.next_view !== at && changeView({ next_view: at });
   Object.assign(press, { onmouseenter: emphasise, onfocus: emphasise });

@@ -157,6 +157,7 @@ def _add_estimate(commands: argparse._SubParsersAction[_Parser]) -> None:
     add("--truth", type=Path, metavar="FILE", help="truth.json; adds the errors against it (ADD, ADD-S) to the result")
     add("--out", type=Path, metavar="FILE", help="where the result goes; default: standard output")
     add("--recording", type=Path, metavar="FILE", help="every iteration, as one SQLite file")
+    add("--draws", type=Path, metavar="FILE", help="1000 draws of the posterior, as netCDF that ArviZ reads")
     add("--quiet", action="store_true", help="no progress on standard error")
 
 

@@ -9,8 +9,9 @@ import re
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from pmpnbp.errors import PmpnbpError, RecordingError, ScanError, SettingError
 if TYPE_CHECKING:
     from pmpnbp.inference.problem import Problem
     from pmpnbp.inference.run import Step
+    from pmpnbp.readout.snapshot import Snapshot
     from pmpnbp.recording import Inputs, RecordingWriter
 
 OK, INTERRUPTED = 0, 130
@@ -35,7 +37,7 @@ class OutputError(PmpnbpError):
 
 def run(arguments: argparse.Namespace) -> int:
     """Do it and return the exit status. Raises PmpnbpError for bad input, before anything is written."""
-    _check_outputs(arguments.out, arguments.recording)
+    _check_outputs(arguments)
     _check_inputs(arguments)
     cameras = _cameras(arguments.camera, arguments.scans)
     announce(arguments.quiet)
@@ -75,6 +77,8 @@ def run(arguments: argparse.Namespace) -> int:
         sys.stderr.write(verdict(result) + "\n")
     if arguments.out is not None or not interrupted:
         _write(result, arguments.out)
+    if arguments.draws is not None:
+        _write_draws(found, arguments.draws)
     if not interrupted:
         return OK
     kept = "" if arguments.out is None else f", what was found so far is in '{arguments.out.name}'"
@@ -137,14 +141,19 @@ def _check_inputs(arguments: argparse.Namespace) -> None:
             raise InputError(f"{what} '{path.name}' is not there")
 
 
-def _check_outputs(out: Path | None, recording: Path | None) -> None:
+def _check_outputs(arguments: argparse.Namespace) -> None:
     """Raise where an output could not be written: better now than after the run."""
-    if out is not None and recording is not None and out.absolute() == recording.absolute():
-        raise OutputError(f"--out and --recording are both '{out.name}'; expected two files")
-    if out is not None:
-        _check_output(out, "--out", OutputError)
-    if recording is not None:
-        _check_output(recording, "--recording", RecordingError)
+    named = [("--out", arguments.out), ("--recording", arguments.recording), ("--draws", arguments.draws)]
+    asked = [(option, path) for option, path in named if path is not None]
+    for (one, path), (other, same) in combinations(asked, 2):
+        if path.absolute() == same.absolute():
+            raise OutputError(f"{one} and {other} are both '{path.name}'; expected two files")
+    for option, path in asked:
+        _check_output(path, option, RecordingError if option == "--recording" else OutputError)
+    if arguments.draws is not None:
+        from pmpnbp.readout.arviz_export import load_arviz
+
+        load_arviz()
 
 
 def _check_output(path: Path, option: str, kind: type[PmpnbpError]) -> None:
@@ -166,13 +175,31 @@ def _write(result: dict[str, Any], out: Path | None) -> None:
         sys.stdout.write(text)
         sys.stdout.flush()
         return
-    partial = out.with_name(f".{out.name}.{os.getpid()}.part")
+    _write_whole(out, "--out", lambda partial: partial.write_text(text, encoding="utf-8"))
+
+
+def _write_draws(found: Snapshot, path: Path) -> None:
+    """The posterior's draws as netCDF, or where there is no posterior yet, a sentence that says so."""
+    from pmpnbp.readout.arviz_export import to_inference_data
+
+    if found.placed.posterior is None:
+        sys.stderr.write(f"--draws '{path.name}' is not written: during the search there is no posterior\n")
+        return
+    problem = found.problem
+    of_run = {"method": problem.method, "seed": problem.seed, "frame_id": problem.observation.frame_id}
+    data = to_inference_data(problem.mrf.model, found.placed.posterior, seed=problem.seed, attributes=of_run)
+    _write_whole(path, "--draws", lambda partial: data.to_netcdf(str(partial)))
+
+
+def _write_whole(path: Path, option: str, write: Callable[[Path], object]) -> None:
+    """A file that appears whole, or not at all."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(out)
+        write(partial)
+        partial.replace(path)
     except OSError as error:
         partial.unlink(missing_ok=True)
-        raise OutputError(f"--out '{out}' cannot be written: {error.strerror}") from None
+        raise OutputError(f"{option} '{path}' cannot be written: {error.strerror}") from None
 
 
 def _text(result: dict[str, Any]) -> str:

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 from app.cli import main
+from pmpnbp.readout.arviz_export import load_arviz
 from pmpnbp.recording import Recording
-from tests.app.command_line import CABINET, CAMERA, DEPTH, MODEL, ROI, ROOT, SCAN, SCENE, Capture
+from tests.app.command_line import CABINET, CAMERA, DEPTH, MODEL, ROI, ROOT, SCAN, SCENE, Capture, refused
 
 # As much of the algorithm as a test of the command line needs.
 QUICK = [
@@ -242,3 +243,32 @@ def test_interrupted_it_still_writes_what_it_found(tmp_path: Path) -> None:
     with Recording(tmp_path / "run.sqlite") as recording:
         # an interrupt may come between an iteration and its being recorded
         assert recording.iterations()[-1] in (result["iteration"], result["iteration"] - 1)
+
+
+def test_the_posteriors_draws_are_written_for_arviz(tmp_path: Path, capsys: Capture) -> None:
+    out, draws = tmp_path / "result.json", tmp_path / "draws.nc"
+    assert main(["estimate", *SCAN, *QUICK, "--out", str(out), "--draws", str(draws)]) == 0
+    result, read = json.loads(out.read_text()), load_arviz().from_netcdf(str(draws))
+    assert list(read.posterior.link.values) == list(result["links"])
+    for name, link in result["links"].items():
+        drawn = read.posterior["link_position"].sel(link=name).values[0]
+        position = np.array(list(link["pose"]["position"].values()))
+        # about the estimate, as the result tells it: of 1000 resampled draws, hence not to the last digit
+        np.testing.assert_allclose(np.sqrt(np.mean((drawn - position) ** 2, axis=0)), link["std_xyz"], rtol=0.05)
+    assert read.attrs["fit"] == result["fit"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["draws.nc", "result.json"]
+
+
+def test_draws_that_there_are_none_of_are_not_written(tmp_path: Path, capsys: Capture) -> None:
+    searching = ["--particles", "40", "--iterations", "1", "--config", "search_proposals=300", "--quiet"]
+    assert main(["estimate", *SCAN, *searching, "--draws", str(tmp_path / "draws.nc")]) == 0
+    assert "'draws.nc' is not written: during the search there is no posterior" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_draws_without_their_package_are_refused_before_anything_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.setitem(sys.modules, "arviz", None)
+    said = refused(capsys, "estimate", "gone.urdf", "gone.png", "--draws", str(tmp_path / "draws.nc"))
+    assert "pip install 'pmpnbp[arviz]'" in said

@@ -97,6 +97,7 @@ def _parser() -> argparse.ArgumentParser:
     benchmark = commands.add_parser("benchmark", help="measure speeds, as ratios against references in the same run")
     benchmark.add_argument("--out", type=Path, metavar="FILE", help="where the figures go, as JSON")
     _add_reproduce(commands)
+    _add_calibrate(commands)
     return parser
 
 
@@ -138,14 +139,7 @@ def _add_estimate(commands: argparse._SubParsersAction[_Parser]) -> None:
         default=[],
         help="camera.json; once for all scans, or once for each in their order",
     )
-    for entry in fields(SessionOptions):
-        about, default = entry.metadata, entry.default
-        text = about["help"] + ("" if default is None else f"; default: {default} {about['unit']}".rstrip())
-        if about["choices"]:
-            add(_option(entry.name), choices=about["choices"], default=default, help=text)
-        else:
-            read, metavar = _OPTIONS[entry.name]
-            add(_option(entry.name), type=read, default=default, metavar=metavar, help=text)
+    _add_session_options(command, [entry.name for entry in fields(SessionOptions)])
     add(
         "--config",
         type=_assignment,
@@ -213,8 +207,51 @@ def _add_reproduce(commands: argparse._SubParsersAction[_Parser]) -> None:
     add("--particles", type=_within("particles"), metavar="N", help="of each part; default: the experiment's own")
     add("--all", action="store_true", help="convergence: every sample scene, not only two cabinets")
     add("--urdf", type=Path, metavar="FILE", help="robot: another robot, in a scan that is rendered of it")
-    add("--processes", type=_whole(1, 256), default=1, metavar="N", help="runs at a time; default: %(default)s")
-    add("--on", metavar="ADDRESS", help="a Dask scheduler whose workers make the runs, as tcp://host:8786")
+    _add_spreading(command)
+
+
+def _add_calibrate(commands: argparse._SubParsersAction[_Parser]) -> None:
+    command = commands.add_parser(
+        "calibrate",
+        help="is the belief honest for a model, a camera and a region?",
+        description="Is the belief honest for this object and camera? Scenes are rendered whose truth is drawn from "
+        "the prior, the object is looked for in each as `estimate` does, and what is said of it is held against the "
+        "truth: histograms of ranks, coverage, how far `certain` can be relied on. Figures (PNG), tables (CSV) and a "
+        "report (Markdown) whose first sentence answers. One run in five is without the object. Runs are kept as they "
+        "are made: after an interruption the same command goes on.",
+    )
+    add = command.add_argument
+    add("model", type=Path, metavar="MODEL", help="a URDF, or a zip holding one with its meshes")
+    add("--camera", type=Path, metavar="FILE", help="camera.json; default: one that has the region in its picture")
+    _add_session_options(command, ("roi", "prior"))
+    add("--runs", type=_whole(1, 100_000), default=200, metavar="N", help="default: %(default)s")
+    add("--out", type=Path, metavar="DIR", help="where everything goes; default: out/calibrate_MODEL")
+    _add_session_options(command, ("seed", "particles", "iterations", "max_std"))
+    _add_spreading(command)
+
+
+def _add_spreading(command: _Parser) -> None:
+    """Options that say where runs are made."""
+    command.add_argument(
+        "--processes", type=_whole(1, 256), default=1, metavar="N", help="runs at a time; default: %(default)s"
+    )
+    command.add_argument(
+        "--on", metavar="ADDRESS", help="a Dask scheduler whose workers make the runs, as tcp://host:8786"
+    )
+
+
+def _add_session_options(command: _Parser, names: Sequence[str]) -> None:
+    """Those of SessionOptions, with their defaults and help."""
+    for entry in fields(SessionOptions):
+        if entry.name not in names:
+            continue
+        about, default = entry.metadata, entry.default
+        text = about["help"] + ("" if default is None else f"; default: {default} {about['unit']}".rstrip())
+        if about["choices"]:
+            command.add_argument(_option(entry.name), choices=about["choices"], default=default, help=text)
+        else:
+            read, metavar = _OPTIONS[entry.name]
+            command.add_argument(_option(entry.name), type=read, default=default, metavar=metavar, help=text)
 
 
 def _option(name: str) -> str:

@@ -42,6 +42,9 @@ STROKES: Mapping[str, tuple[str, str]] = {
     "pull": ("#0072B2", "-"),
     "push": ("#D55E00", "--"),
     "threshold": ("#777777", "-."),
+    "seen": ("#0072B2", "-"),
+    "hidden": ("#D55E00", "--"),
+    "joints": ("#000000", ":"),
 }
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 # Pixels across of a picture of a scene.

@@ -66,24 +66,25 @@ def write_report(
     sections: Iterable[str],
     figures: Mapping[str, str],
 ) -> None:
-    """`report.md`. figures : captions by file name; sections : Markdown, in between"""
-    lines = [
-        f"# {title}",
-        "",
-        f"`{shlex.join(command)}`",
-        "",
-        f"Seeds {seeds}. {made_with()}",
-        "",
-        "## What the paper claims, and what was found",
-        "",
-        markdown(["claim", "", "found"], [[claim.text, f"**{claim.verdict}**", claim.because] for claim in claims]),
-        "",
-    ]
+    """`report.md` of one of the paper's experiments, see `write_sections`."""
+    rows = [[claim.text, f"**{claim.verdict}**", claim.because] for claim in claims]
+    judged = "\n".join(["## What the paper claims, and what was found", "", markdown(["claim", "", "found"], rows)])
+    write_sections(folder, title, [how(command, seeds), judged, *sections], figures)
+
+
+def write_sections(folder: Path, title: str, sections: Iterable[str], figures: Mapping[str, str]) -> None:
+    """`report.md`. sections : Markdown; figures : captions by file name, which come last"""
+    lines = [f"# {title}", ""]
     for section in sections:
         lines += [section, ""]
     for name, caption in figures.items():
         lines += [f"![{caption}]({name})", "", f"*{caption}*", ""]
     (folder / "report.md").write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
+
+
+def how(command: Sequence[str], seeds: str) -> str:
+    """By which command, with which seeds and versions: Markdown."""
+    return f"`{shlex.join(command)}`\n\nSeeds {seeds}. {made_with()}"
 
 
 def made_with() -> str:

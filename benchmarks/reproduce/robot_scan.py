@@ -7,11 +7,13 @@ joints. So the scan is no test of how URDFs are read, as the sample scans are.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from benchmarks.reproduce.run_log import ReproduceError
 from pmpnbp.geometry import poses
@@ -41,7 +43,7 @@ def write(folder: Path, urdf: Path) -> None:
     pose = surroundings.standing_at(x, y, rng.uniform(-np.pi, np.pi))
     root, joints = _standing(model, pose, rng)
     part_poses = model.part_poses(root, joints)
-    surfaces = _surfaces(model, part_poses)
+    surfaces = posed(model, part_poses)
     camera = _camera(surfaces, pose, rng)
     yaw = poses.to_rpy(pose[3:])[2]
     around = [
@@ -49,13 +51,7 @@ def write(folder: Path, urdf: Path) -> None:
         surroundings.wall(surfaces, yaw + np.deg2rad(rng.uniform(-6, 6)), rng.uniform(0.08, 0.25)),
         *surroundings.clutter(surfaces, pose, 3, rng),
     ]
-    seen = cast([*surfaces.values(), *around], camera)
-    depth = sensor.measured(seen.depth, seen.cosine, rng)
-    alone = {name: covered_pixels(surface, camera) for name, surface in surfaces.items()}
-    visible = {
-        name: float(np.sum((seen.index == index) & (depth > 0)) / max(alone[name], 1))
-        for index, name in enumerate(surfaces)
-    }
+    depth, visible, alone = measured(surfaces, around, camera, rng)
     matrices = poses.to_matrix(model.link_poses(part_poses, joints))
     positions = {
         joint.name: float(joint.positions(joints)[0])
@@ -64,6 +60,32 @@ def write(folder: Path, urdf: Path) -> None:
     }
     truth = Truth(positions, dict(zip(model.links, matrices, strict=True)), visible, alone, bounds(surfaces))
     write_scan(folder, depth, camera, truth)
+
+
+def posed(model: ArticulatedObject, part_poses: Array) -> dict[str, trimesh.Trimesh]:
+    """The surfaces of the parts at `part_poses` (N, 7), in world, by the name of the part, which is that of a link of
+    it."""
+    return {
+        part.name: trimesh.Trimesh(poses.transform_points(pose, part.mesh.vertices), part.mesh.faces, process=False)
+        for part, pose in zip(model.parts, part_poses, strict=True)
+        if part.visible
+    }
+
+
+def measured(
+    surfaces: dict[str, trimesh.Trimesh], around: Sequence[trimesh.Trimesh], camera: Camera, rng: np.random.Generator
+) -> tuple[NDArray[np.uint16], dict[str, float], dict[str, int]]:
+    """What the sensor makes of surfaces, in world, among what is `around` them: depth (height, width), millimetres, 0
+    where nothing was measured; and by name the share of the pixels that each would cover alone in which it is measured,
+    and how many these are."""
+    seen = cast([*surfaces.values(), *around], camera)
+    depth = sensor.measured(seen.depth, seen.cosine, rng)
+    alone = {name: covered_pixels(surface, camera) for name, surface in surfaces.items()}
+    visible = {
+        name: float(np.sum((seen.index == index) & (depth > 0)) / max(alone[name], 1))
+        for index, name in enumerate(surfaces)
+    }
+    return depth, visible, alone
 
 
 def digest(folder: Path, urdf: Path) -> str:
@@ -78,7 +100,7 @@ def _standing(model: ArticulatedObject, pose_world_foot: Array, rng: np.random.G
         for joint in model.joints:  # what carries the whole object about is at rest
             if joint.kind in ("planar", "floating"):
                 joints[list(joint.coordinates)] = 0.0
-        lowest = [mesh.bounds[0, 2] for mesh in _surfaces(model, model.part_poses(poses.IDENTITY, joints)).values()]
+        lowest = [mesh.bounds[0, 2] for mesh in posed(model, model.part_poses(poses.IDENTITY, joints)).values()]
         if min(lowest) > lowest[0] - BELOW:
             up = poses.from_xyz_rpy([0.0, 0.0, -min(lowest)], [0.0, 0.0, 0.0])
             return poses.multiply(pose_world_foot, up), joints
@@ -96,12 +118,3 @@ def _camera(surfaces: dict[str, trimesh.Trimesh], pose_world_foot: Array, rng: n
         if surroundings.in_view(surfaces, camera):
             return camera
     raise ReproduceError(f"no camera sees the whole robot, {size:.2f} m large")
-
-
-def _surfaces(model: ArticulatedObject, part_poses: Array) -> dict[str, trimesh.Trimesh]:
-    """In world, by the name of the part, which is that of a link of it."""
-    return {
-        part.name: trimesh.Trimesh(poses.transform_points(pose, part.mesh.vertices), part.mesh.faces, process=False)
-        for part, pose in zip(model.parts, part_poses, strict=True)
-        if part.visible
-    }

@@ -1,0 +1,115 @@
+"""Is the belief honest? One word for it, and the figures that it rests on.
+
+Honest is what nothing speaks against, as far as so many runs can tell: a belief is objected to where the 99 % interval
+of a coverage lies outside of what is tolerated, where a coordinate's ranks are not uniform at 1 % after Holm, or where
+certain links are wrong, or absent objects found, oftener than is allowed, at 99 % again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.calibrate import ranks as statistic
+from benchmarks.calibrate.findings import Found, Mask, Rate, Uniformity, rate_of
+from pmpnbp.geometry.poses import Array
+
+HONEST, OVERCONFIDENT, BIASED, CAUTIOUS = "honest", "overconfident", "biased", "wider than it need be"
+# Nominal shares of regions and intervals, and what is tolerated of each.
+LEVELS = {0.75: (0.70, 0.80), 0.95: (0.92, 0.98)}
+# Shares that are allowed: of links said to be certain, wrong; of absent objects, a good fit.
+WRONG_ALLOWED, FALSE_ALLOWED = 0.01, 0.05
+# Standard normal quantile of a two-sided 99 % interval, and the same level for ranks.
+SURE, LEVEL = 2.575829, 0.01
+# Runs with the object below which next to nothing could be objected to.
+FEWEST = 30
+_WORDS = {statistic.NARROW: OVERCONFIDENT, statistic.WIDE: CAUTIOUS, statistic.LOW: BIASED, statistic.HIGH: BIASED}
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """what : of which regions; rates : by LEVELS, in its order; sure : the same with 99 % intervals"""
+
+    what: str
+    rates: tuple[Rate, ...]
+    sure: tuple[Rate, ...]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """word : one of the four, or None where there are too few runs; because : what speaks against it, or for it"""
+
+    word: str | None
+    because: tuple[str, ...]
+
+    def sentence(self, name: str, runs: int) -> str:
+        """The report's first."""
+        if self.word is None:
+            return f"Whether the belief is honest for {name} and this camera, {runs} runs are too few to tell."
+        known = f"as far as {runs} runs can tell: " if self.word == HONEST else ""
+        return f"The belief is {self.word} for {name} and this camera, {known or 'as '}{'; '.join(self.because)}."
+
+
+def coverages(found: Found) -> list[Coverage]:
+    """Of positions and joints, of seen and hidden parts apart."""
+    rows: list[tuple[str, Array, Mask]] = [
+        ("positions of links that are seen", found.ellipsoid_ranks, found.seen),
+        ("positions of hidden links", found.ellipsoid_ranks, ~found.seen),
+        ("joints of links that are seen", found.joint_regions, found.joints_seen),
+        ("joints of hidden links", found.joint_regions, ~found.joints_seen),
+    ]
+    return [
+        Coverage(
+            what,
+            tuple(rate_of(at <= level, among) for level in LEVELS),
+            tuple(rate_of(at <= level, among, SURE) for level in LEVELS),
+        )
+        for what, at, among in rows
+    ]
+
+
+def judged(found: Found, uniform: Sequence[Uniformity], false_finds: Rate) -> Judgement:
+    """Of the runs whose fit is good. false_finds : of runs without the object those whose fit is good, at 99 %"""
+    if len(found.seeds) < FEWEST:
+        return Judgement(None, ())
+    against = list(_objections(found, uniform, false_finds))
+    for word in (OVERCONFIDENT, BIASED, CAUTIOUS):
+        reasons = tuple(reason for kind, reason in against if kind == word)
+        if reasons:
+            return Judgement(word, reasons)
+    told = [
+        f"of {one.what} {100 * rate.share:.0f} % ({100 * rate.low:.0f}–{100 * rate.high:.0f}) are in the 95 % region"
+        for one in coverages(found)
+        for rate in one.rates[-1:]
+        if rate.cases
+    ]
+    least = min(one.judged for one in uniform)
+    told.append(f"the ranks of {len(uniform)} coordinates are uniform (least p {least:.2g} after Holm)")
+    return Judgement(HONEST, tuple(told))
+
+
+def _objections(found: Found, uniform: Sequence[Uniformity], false_finds: Rate) -> Iterator[tuple[str, str]]:
+    """Which of the words something speaks for, and what."""
+    for one in coverages(found):
+        for (level, (least, most)), rate in zip(LEVELS.items(), one.sure, strict=True):
+            word = OVERCONFIDENT if rate.high < least else CAUTIOUS if rate.low > most else None
+            if word is not None and rate.cases:
+                yield word, f"{_percent(rate)} of {one.what} are in the {100 * level:.0f} % region"
+    wrong = rate_of(found.wrong, found.certain, SURE)
+    if wrong.cases and wrong.low > WRONG_ALLOWED:
+        yield OVERCONFIDENT, f"{_percent(wrong)} of links said to be certain are not within 1 cm and 2°"
+    if false_finds.cases and false_finds.low > FALSE_ALLOWED:
+        yield OVERCONFIDENT, f"the fit is good in {_percent(false_finds)} of runs without the object"
+    for word in (OVERCONFIDENT, BIASED, CAUTIOUS):
+        some = [one for one in uniform if one.judged < LEVEL and _WORDS[one.shape] == word]
+        if some:
+            named = ", ".join(f"{one.name} (draws {one.shape})" for one in some[:3])
+            more = f" and {len(some) - 3} more" if len(some) > 3 else ""
+            least = np.min([one.judged for one in some])
+            yield word, f"the ranks of {named}{more} are not uniform (p {least:.2g} after Holm)"
+
+
+def _percent(rate: Rate) -> str:
+    return f"{100 * rate.share:.0f} % ({100 * rate.low:.0f}–{100 * rate.high:.0f})"

@@ -17,6 +17,7 @@ LONG_FILES = (
     "tests/reproduce/test_experiments.py",
     "tests/browser",
     "tests/test_wheel.py",
+    "tests/calibrate",
     "tests/benchmarks/test_benchmarks.py",
     "tests/app/test_openapi.py",
     "tests/app/test_serve.py",

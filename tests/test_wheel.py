@@ -175,6 +175,14 @@ def test_an_experiment_is_made_again(run: Run, surroundings: dict[str, Any]) -> 
     assert (surroundings["cwd"] / "found" / "report.md").is_file()
 
 
+def test_a_belief_is_calibrated(run: Run, surroundings: dict[str, Any], repository: Path) -> None:
+    model = str(repository / "sample_data" / "door" / "door.urdf")
+    done = run("pmpnbp", "calibrate", model, "--runs", "1", "--iterations", "1", "--particles", "20")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"{Path('out/calibrate_door/report.md')}\n"
+    assert (surroundings["cwd"] / "out" / "calibrate_door" / "report.md").is_file()
+
+
 def test_an_experiment_without_its_packages_is_one_sentence(run: Run) -> None:
     hidden = (
         "import sys; sys.modules['matplotlib'] = None; from app.cli import main; sys.exit(main(['reproduce', 'push']))"

@@ -32,17 +32,29 @@ FAR, DEVIATIONS = 0.02, 5.0
 Mask = NDArray[np.bool_]
 
 
+@dataclass(frozen=True)
+class Coordinate:
+    """ranks, errors : (R,) of the truth among the draws, and of the estimate, in `unit`."""
+
+    name: str
+    ranks: Array
+    errors: Array
+    unit: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class Found:
     """R runs with the object, of N parts and D joint coordinates; see `runs.perform` for what each holds.
 
-    lengths : (N,) metres; joint_parts : (D,) the part that a coordinate moves; verdicts : R of them
+    lengths : (N,) metres; joint_parts : (D,) the part that a coordinate moves; units : of coordinates, D of `mm` or
+    `mrad`; verdicts : R of them
     """
 
     parts: tuple[str, ...]
     joints: tuple[str, ...]
     lengths: Array
     joint_parts: NDArray[np.int64]
+    units: tuple[str, ...]
     verdicts: tuple[str, ...]
     seeds: NDArray[np.int64]
     effective: Array
@@ -55,6 +67,7 @@ class Found:
     certain: Mask
     position_ranks: Array
     ellipsoid_ranks: Array
+    joint_errors: Array
     joint_ranks: Array
 
     @property
@@ -95,14 +108,18 @@ class Found:
         return np.abs(2 * self.joint_ranks - 1)
 
     @property
-    def coordinates(self) -> dict[str, Array]:
-        """Ranks (R,) of every coordinate by its name: positions along the world's axes, then joints."""
-        named = {
-            f"{part} {axis}": self.position_ranks[:, node, number]
+    def coordinates(self) -> list[Coordinate]:
+        """Positions along the world's axes, then joints."""
+        positions = [
+            Coordinate(f"{part} {axis}", self.position_ranks[:, node, k], 1000 * self.errors[:, node, k], "mm")
             for node, part in enumerate(self.parts)
-            for number, axis in enumerate("xyz")
-        }
-        return named | {f"joint {name}": self.joint_ranks[:, number] for number, name in enumerate(self.joints)}
+            for k, axis in enumerate("xyz")
+        ]
+        joints = [
+            Coordinate(f"joint {name}", self.joint_ranks[:, k], 1000 * self.joint_errors[:, k], unit)
+            for k, (name, unit) in enumerate(zip(self.joints, self.units, strict=True))
+        ]
+        return positions + joints
 
     def _chosen(self, rows: Mask) -> Found:
         kept = {
@@ -138,13 +155,23 @@ class Rate:
 
 @dataclass(frozen=True)
 class Uniformity:
-    """Of one coordinate's ranks: chance by chi-square, the same after Holm, and how they depart."""
+    """Of one coordinate's ranks: chance by chi-square, the same after Holm, and how the draws depart."""
 
-    name: str
-    runs: int
+    of: Coordinate
     chance: float
     judged: float
-    shape: str
+
+    @property
+    def shape(self) -> str:
+        """How the draws depart most."""
+        return statistic.shape(self.of.ranks) if len(self.of.ranks) else statistic.UNIFORM
+
+    @property
+    def departure(self) -> str:
+        """The same, with the median of the estimate's errors where they lean to one side."""
+        leans = self.shape in (statistic.LOW, statistic.HIGH)
+        off = f" by {abs(np.median(self.of.errors)):.2g} {self.of.unit} in the median" if leans else ""
+        return f"{self.shape}{off}"
 
 
 def gathered(model: ArticulatedObject, asked: Sequence[Asked], results: Sequence[Result]) -> Found:
@@ -161,24 +188,29 @@ def gathered(model: ArticulatedObject, asked: Sequence[Asked], results: Sequence
         "expected_add": (count,),
         "position_ranks": (count, 3),
         "ellipsoid_ranks": (count,),
+        "joint_errors": (dof,),
         "joint_ranks": (dof,),
     }
     arrays = {
-        name: np.array([result[name] for _, result in told], dtype=np.float64).reshape(-1, *shape)
+        name: np.array([result[name] for _, result in told], dtype=np.float64).reshape(len(told), *shape)
         for name, shape in shapes.items()
     }
     arrays["add"] = np.where(np.isnan(arrays["add"]), np.linalg.norm(arrays["errors"], axis=2), arrays["add"])
     owner = parts_of_links(model)
     moved = {c: owner[joint.child] for joint in reversed(model.joints) for c in joint.coordinates}
+    turns = np.zeros(dof, dtype=bool)
+    for joint in model.joints:
+        turns[list(joint.coordinates)] = joint.elementary_axes()[0]
     return Found(
         parts=tuple(part.name for part in model.parts),
         joints=model.coordinate_names,
         lengths=np.array([part.extents.max() for part in model.parts]),
         joint_parts=np.array([moved[c] for c in range(dof)], dtype=np.int64),
+        units=tuple("mrad" if turn else "mm" for turn in turns),
         verdicts=tuple(result["verdict"] for _, result in told),
         seeds=np.array([one["seed"] for one, _ in told], dtype=np.int64),
         effective=np.array([result["effective"] for _, result in told]),
-        certain=np.array([result["certain"] for _, result in told], dtype=bool).reshape(-1, count),
+        certain=np.array([result["certain"] for _, result in told], dtype=bool).reshape(len(told), count),
         **arrays,
     )
 
@@ -195,8 +227,8 @@ def rate_of(held: Mask, among: Mask, quantile: float | None = None) -> Rate:
 def uniformities(found: Found) -> list[Uniformity]:
     """Of every coordinate."""
     coordinates = found.coordinates
-    chances = [statistic.uniformity(one) for one in coordinates.values()]
+    chances = [statistic.uniformity(one.ranks) for one in coordinates]
     return [
-        Uniformity(name, len(one), chance, float(judged), statistic.shape(one) if len(one) else statistic.UNIFORM)
-        for (name, one), chance, judged in zip(coordinates.items(), chances, statistic.holm(chances), strict=True)
+        Uniformity(one, chance, float(judged))
+        for one, chance, judged in zip(coordinates, chances, statistic.holm(chances), strict=True)
     ]

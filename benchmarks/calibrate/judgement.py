@@ -45,9 +45,12 @@ class Judgement:
     because: tuple[str, ...]
 
     def sentence(self, name: str, runs: int) -> str:
-        """The report's first."""
+        """The report's first. runs : with the object, and a good fit"""
         if self.word is None:
-            return f"Whether the belief is honest for {name} and this camera, {runs} runs are too few to tell."
+            return (
+                f"Whether the belief is honest for {name} and this camera cannot be told: {FEWEST} runs with a good "
+                f"fit are needed, and there are {runs}."
+            )
         known = f"as far as {runs} runs can tell: " if self.word == HONEST else ""
         return f"The belief is {self.word} for {name} and this camera, {known or 'as '}{'; '.join(self.because)}."
 
@@ -105,7 +108,7 @@ def _objections(found: Found, uniform: Sequence[Uniformity], false_finds: Rate) 
     for word in (OVERCONFIDENT, BIASED, CAUTIOUS):
         some = [one for one in uniform if one.judged < LEVEL and _WORDS[one.shape] == word]
         if some:
-            named = ", ".join(f"{one.name} (draws {one.shape})" for one in some[:3])
+            named = ", ".join(f"{one.of.name} (draws {one.departure})" for one in some[:3])
             more = f" and {len(some) - 3} more" if len(some) > 3 else ""
             least = np.min([one.judged for one in some])
             yield word, f"the ranks of {named}{more} are not uniform (p {least:.2g} after Holm)"

@@ -29,6 +29,8 @@ ACROSS, DRAWN = 3, 60
 # Of a histogram's bars nearly all lie within this interval, if ranks are uniform.
 BAND = 0.99
 NOMINAL = np.linspace(0.02, 0.98, 49)
+# Millimetres that distances are drawn at, at least, and what is left around them, as a factor.
+LEAST, AROUND = 0.01, 1.5
 
 
 def write(task: Task, asked: Sequence[Asked], options: Options, run_log: RunLog) -> None:
@@ -155,11 +157,11 @@ def _rank_section(uniform: Sequence[Uniformity]) -> str:
     odd = [one for one in sorted(uniform, key=lambda one: one.judged) if one.judged < 0.05]
     told = (
         f"Chi-square over the bars of each of {len(uniform)} histograms, one rank a run, and p after Holm: where all "
-        f"are uniform, the least is below 0.05 in a run of twenty. "
+        f"are uniform, the least is below 0.05 in one calibration of twenty. "
     )
     if not odd:
         return "\n".join(["## Ranks", "", told + "None is."])
-    rows = [[one.name, one.runs, f"{one.chance:.2g}", f"{one.judged:.2g}", one.shape] for one in odd]
+    rows = [[one.of.name, len(one.of.ranks), f"{one.chance:.2g}", f"{one.judged:.2g}", one.departure] for one in odd]
     return "\n".join(
         ["## Ranks", "", told.strip(), "", markdown(["coordinate", "runs", "p", "after Holm", "draws"], rows)]
     )
@@ -168,8 +170,14 @@ def _rank_section(uniform: Sequence[Uniformity]) -> str:
 def _rank_table(uniform: Sequence[Uniformity], good: Found) -> Table:
     bars = statistic.bars(len(good.seeds))
     rows = [
-        [one.name, one.runs, f"{one.chance:.6g}", f"{one.judged:.6g}", *statistic.counts(ranks).astype(int)]
-        for one, ranks in zip(uniform, good.coordinates.values(), strict=True)
+        [
+            one.of.name,
+            len(one.of.ranks),
+            f"{one.chance:.6g}",
+            f"{one.judged:.6g}",
+            *statistic.counts(one.of.ranks).astype(int),
+        ]
+        for one in uniform
     ]
     header = ["coordinate", "runs", "p", "p_holm", *(f"bar_{k + 1}" for k in range(bars))]
     return Table("ranks", header, rows)
@@ -215,16 +223,16 @@ def _link_table(found: Found) -> Table:
 
 def draw_ranks(options: Options, good: Found, uniform: Sequence[Uniformity], name: str) -> None:
     """A histogram for each coordinate."""
-    shown = {one.name for one in sorted(uniform, key=lambda one: one.chance)[:DRAWN]}
-    coordinates = [(title, ranks) for title, ranks in good.coordinates.items() if title in shown]
+    shown = {one.of.name for one in sorted(uniform, key=lambda one: one.chance)[:DRAWN]}
+    coordinates = [one.of for one in uniform if one.of.name in shown]
     rows = -(-len(coordinates) // ACROSS)
     figure, axes = figures.panels(rows, ACROSS, max(0.75 * rows, 1.6), sharex=True, sharey=True)
     bars, runs = statistic.bars(len(good.seeds)), len(good.seeds)
     low, high = stats.binom.interval(BAND, runs, 1 / bars)
-    for place, (title, ranks) in zip(axes.flat, coordinates, strict=False):
+    for place, one in zip(axes.flat, coordinates, strict=False):
         place.axhspan(low, high, color="#d0d0d0", linewidth=0)
-        place.bar((np.arange(bars) + 0.5) / bars, statistic.counts(ranks), 0.9 / bars, color="#0072B2")
-        place.set_title(title, fontsize=6, pad=2)
+        place.bar((np.arange(bars) + 0.5) / bars, statistic.counts(one.ranks), 0.9 / bars, color="#0072B2")
+        place.set_title(one.name, fontsize=6, pad=2)
         place.set(xlim=(0, 1), xticks=[0, 0.5, 1], xticklabels=["0", "0.5", "1"])
         place.tick_params(labelsize=6)
         place.grid(False)
@@ -263,13 +271,14 @@ def draw_reliability(options: Options, task: Task, found: Found, name: str) -> N
     place = axes[0, 0]
     told = np.isfinite(found.expected_add)
     for key, label, some in (("seen", "certain", found.certain), ("hidden", "not certain", ~found.certain)):
-        expected, actual = (np.maximum(1000 * one[told & some], 0.01) for one in (found.expected_add, found.add))
+        expected, actual = (np.maximum(1000 * one[told & some], LEAST) for one in (found.expected_add, found.add))
         place.scatter(expected, actual, s=4, color=figures.STROKES[key][0], alpha=0.5, linewidths=0, label=label)
-    ends = np.array([*place.get_xlim(), *place.get_ylim(), 1000 * task.max_std])
-    low, high = 0.01, max(ends.max(), 0.1)
-    place.plot([low, high], [low, high], color="#777777", linewidth=0.6)
+    drawn = 1000 * np.concatenate([found.expected_add[told], found.add[told], [task.max_std]])
+    ends = np.maximum([drawn.min() / AROUND, drawn.max() * AROUND], LEAST)
+    place.plot(ends, ends, color="#777777", linewidth=0.6)
     place.axvline(1000 * task.max_std, color="#777777", linestyle="-.", linewidth=0.6)
-    place.set(xscale="log", yscale="log", xlabel="expected distance (mm)", ylabel="distance from the truth (mm)")
+    place.set(xscale="log", yscale="log", xlim=ends, ylim=ends)
+    place.set(xlabel="expected distance (mm)", ylabel="distance from the truth (mm)")
     for axis in (place.xaxis, place.yaxis):
         figures.plain(axis)
     figures.name_lines(figure, place)

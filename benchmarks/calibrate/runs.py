@@ -40,7 +40,8 @@ def perform(task: Task, asked: Asked) -> Result:
     Where the object is there, by part (N,): shares, of it that are measured; errors (N, 3), of the first link's
     position, and stds (N, 3), metres; turned, radians; add and expected_add, metres, or None without a surface;
     certain; position_ranks (N, 3), along the world's axes, and ellipsoid_ranks, of how far the truth lies from the
-    estimate, in the covariance's metric, among the draws. By coordinate (D,): joint_ranks.
+    estimate, in the covariance's metric, among the draws. By joint coordinate (D,): joint_errors, metres or radians,
+    and joint_ranks.
     """
     scene = scenes.draw(task, asked["seed"], absent=asked["absent"])
     inputs = Inputs(
@@ -82,9 +83,8 @@ def _against_truth(
         _turned(surface.axis, found, true)
         for surface, found, true in zip(surfaces, placed.part_poses, true_parts, strict=True)
     ]
-    joints, true_joints = posterior.drawn_joints, scene.joints
-    if model.dof:
-        joints, true_joints = (_unwrapped(one, placed.joint_positions, model.wraps) for one in (joints, true_joints))
+    estimated = placed.joint_positions
+    joints, true_joints = (_unwrapped(one, estimated, model.wraps) for one in (posterior.drawn_joints, scene.joints))
     return {
         "shares": np.round(scene.shares, 4).tolist(),
         "errors": np.round(here - truth, 7).tolist(),
@@ -97,6 +97,7 @@ def _against_truth(
         "ellipsoid_ranks": np.round(
             ranks(rng, _apart(drawn, here, metric), _apart(truth, here, metric), weights), 6
         ).tolist(),
+        "joint_errors": np.round(estimated - true_joints, 7).tolist(),
         "joint_ranks": np.round(ranks(rng, joints, true_joints, weights), 6).tolist(),
     }
 

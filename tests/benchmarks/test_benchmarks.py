@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import calibration, generated, heldout, inference, kernels, peak_memory, real_data, run, success
+from benchmarks import generated, heldout, inference, kernels, peak_memory, real_data, run, success
 from benchmarks.alignment import offset, rigid_fit
 from benchmarks.statistics import wilson
 from benchmarks.trials import Trial, load_case, rough_prior
@@ -131,13 +131,6 @@ def test_peak_memory_is_that_of_this_process() -> None:
     before = peak_memory.peak_megabytes()
     held = np.ones(int(before + 64) * 131072)  # as much again and 64 MB, in float64, every page of it written
     assert peak_memory.peak_megabytes() >= held.nbytes / 2**20
-
-
-def test_calibration_judges_both_ways(capsys: pytest.CaptureFixture[str]) -> None:
-    calibration.main(["--cabinets", "0", "--doors", "1", "--chains", "0", "--iterations", "1", "--particles", "50"])
-    rows = capsys.readouterr().out.splitlines()[2:]
-    assert [row.split(" | ")[:3] for row in rows] == [[f"| {way}", "door", "1"] for way in calibration.WAYS]
-    assert all(float(row.split(" | ")[4]) > 0 for row in rows)
 
 
 def test_success_and_heldout_report_runs_and_failures(capsys: pytest.CaptureFixture[str]) -> None:

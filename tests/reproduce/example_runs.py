@@ -1,13 +1,17 @@
-"""Runs for tests of how runs are spread: functions of a module, as another process has to find them."""
+"""Runs for tests of how runs are spread: functions of a module, as another process has to find them. And how tests of
+experiments make runs, and read tables."""
 
 from __future__ import annotations
 
+import csv
 import os
 import signal
 import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from benchmarks.reproduce.run_log import Asked, Result
+from benchmarks.reproduce.spread import Perform
 
 
 def squared(asked: Asked) -> Result:
@@ -49,3 +53,15 @@ def waiting_for_a_third(asked: Asked) -> Result:
     while asked["number"] >= 10 and len({path.name.split("-")[1] for path in folder.iterdir()}) < 3:
         time.sleep(0.02)
     return squared(asked)
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """The rows of a table, by column."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def run_here(perform: Perform, asked: Sequence[Asked], *_: object) -> Iterator[tuple[Asked, Result]]:
+    """In place of `spread`, which `test_runs` tests: a process of its own takes seconds to begin, and loads a scene
+    that others have loaded."""
+    yield from ((one, perform(one)) for one in asked)

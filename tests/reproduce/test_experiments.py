@@ -3,9 +3,7 @@ interest here."""
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,9 +13,10 @@ from PIL import Image
 from app.cli import main
 from benchmarks.reproduce import experiment, figures, scene_runs
 from benchmarks.reproduce.reports import HOLDS, IN_PART, NOT
-from benchmarks.reproduce.run_log import NAME, Asked, Result
-from benchmarks.reproduce.spread import Perform, spread
+from benchmarks.reproduce.run_log import NAME
+from benchmarks.reproduce.spread import spread
 from pmpnbp.readout import object_posterior
+from tests.reproduce.example_runs import rows_of, run_here
 
 RUNS, ITERATIONS = 2, 2
 SHORT = ["--runs", str(RUNS), "--iterations", str(ITERATIONS), "--particles", "60"]
@@ -115,17 +114,6 @@ EXPERIMENTS = {
         1,
     ),
 }
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
-def run_here(perform: Perform, asked: Sequence[Asked], *_: object) -> Iterator[tuple[Asked, Result]]:
-    """In place of `spread`, which `test_runs` tests: a process of its own takes seconds to begin, and loads a scene
-    that others have loaded."""
-    yield from ((one, perform(one)) for one in asked)
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)

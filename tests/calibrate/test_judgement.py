@@ -1,7 +1,8 @@
 """Is an honest belief called so, and another one caught? Runs whose posterior is exact, or too narrow, by construction.
 
 An objection comes at 99 %, to the ranks of all coordinates together and to each coverage beyond what is tolerated: of
-40 honest calibrations half of one is objected to on average, and three or more with a chance below 2 %. Seeds are fixed.
+40 honest calibrations half of one is objected to on average, and three or more with a chance below 2 %. The seeds are
+fixed.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -123,3 +124,10 @@ def test_tasks_that_differ_have_other_digests(task: Task, tmp_path: Path) -> Non
     ]
     assert len({one.digest for one in (task, *others)}) == 6
     assert objects.task(tmp_path).digest == task.digest
+
+
+def test_a_task_is_the_same_on_another_machine(task: Task) -> None:
+    """Where there is nothing but what was sent."""
+    sent = pickle.loads(pickle.dumps(task))
+    assert sent.digest == task.digest
+    np.testing.assert_array_equal(scenes.draw(sent, 4).scan.depth, scenes.draw(task, 4).scan.depth)

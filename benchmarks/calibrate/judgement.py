@@ -39,10 +39,12 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Judgement:
-    """word : one of the four, or None where there are too few runs; because : what speaks against it, or for it"""
+    """word : one of the four, or None where there are too few runs; because : what speaks against it, or for it;
+    coverage : how many truths are in the largest regions, as a sentence, empty where there are none"""
 
     word: str | None
     because: tuple[str, ...]
+    coverage: str
 
     def sentence(self, name: str, runs: int) -> str:
         """The report's first. runs : with the object, and a good fit"""
@@ -75,22 +77,21 @@ def coverages(found: Found) -> list[Coverage]:
 
 def judged(found: Found, uniform: Sequence[Uniformity], false_finds: Rate) -> Judgement:
     """Of the runs whose fit is good. false_finds : of runs without the object those whose fit is good, at 99 %"""
+    told = [f"{_percent(one.rates[-1])} of the {one.what}" for one in coverages(found) if one.rates[-1].cases]
+    coverage = f"In the regions that are told for {100 * max(LEVELS):.0f} % lie {', '.join(told)}." if told else ""
     if len(found.seeds) < FEWEST:
-        return Judgement(None, ())
+        return Judgement(None, (), coverage)
     against = list(_objections(found, uniform, false_finds))
     for word in (OVERCONFIDENT, BIASED, CAUTIOUS):
         reasons = tuple(reason for kind, reason in against if kind == word)
         if reasons:
-            return Judgement(word, reasons)
-    told = [
-        f"of {one.what} {100 * rate.share:.0f} % ({100 * rate.low:.0f}–{100 * rate.high:.0f}) are in the 95 % region"
-        for one in coverages(found)
-        for rate in one.rates[-1:]
-        if rate.cases
-    ]
+            return Judgement(word, reasons, coverage)
     least = min(one.judged for one in uniform)
-    told.append(f"the ranks of {len(uniform)} coordinates are uniform (least p {least:.2g} after Holm)")
-    return Judgement(HONEST, tuple(told))
+    held = (
+        f"the ranks of {len(uniform)} coordinates are uniform (least p {least:.2g} after Holm)",
+        "coverage, certain links and fits are within what is tolerated",
+    )
+    return Judgement(HONEST, held, coverage)
 
 
 def _objections(found: Found, uniform: Sequence[Uniformity], false_finds: Rate) -> Iterator[tuple[str, str]]:

@@ -69,7 +69,9 @@ def write(task: Task, asked: Sequence[Asked], options: Options, run_log: RunLog)
     ):
         reports.write_table(options.out, table)
     sections = [
-        verdict.sentence(f"'{task.model.name}'", len(good.seeds)) + " " + _found_sentence(verdicts),
+        " ".join(
+            [verdict.sentence(f"'{task.model.name}'", len(good.seeds)), verdict.coverage, _found_sentence(verdicts)]
+        ),
         reports.how(options.command, options.named_seeds),
         _setting_section(task),
         _coverage_section(found, good),

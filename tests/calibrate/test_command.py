@@ -72,7 +72,7 @@ def test_a_calibration_is_made_and_written_down(
     first = report.split("\n\n")[1]
     good = sum(row["fit"] == "good" for row in runs if row["absent"] == "False")
     assert first.startswith("Whether the belief is honest for 'slider' and this camera cannot be told: ")
-    assert f"there are {good}. The fit is good in {good} of 5" in first
+    assert f"and there are {good}. " in first and f"The fit is good in {good} of 5" in first
     assert {path.stem for path in out.glob("*.png")} == ({"ranks", "coverage", "reliability"} if good else set())
     for path in out.glob("*.png"):
         with Image.open(path) as image:

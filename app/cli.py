@@ -223,10 +223,13 @@ def _add_calibrate(commands: argparse._SubParsersAction[_Parser]) -> None:
     add = command.add_argument
     add("model", type=Path, metavar="MODEL", help="a URDF, or a zip holding one with its meshes")
     add("--camera", type=Path, metavar="FILE", help="camera.json; default: one that has the region in its picture")
-    _add_session_options(command, ("roi", "prior"))
-    add("--runs", type=_whole(1, 100_000), default=200, metavar="N", help="default: %(default)s")
+    read, metavar = _OPTIONS["roi"]
+    add("--roi", type=read, metavar=metavar, help="m, world: where the object is; default: a box that it has room in")
+    add("--prior", type=Path, metavar="FILE", help="prior.json; default: upright, anywhere in the region, any yaw")
+    add("--runs", type=_whole(1, 100_000), default=200, metavar="N", help="scenes; default: %(default)s")
+    add("--seed", type=_whole(0, 2**31), default=0, metavar="N", help="the first scene's; default: %(default)s")
+    _add_session_options(command, ("particles", "iterations", "max_std"))
     add("--out", type=Path, metavar="DIR", help="where everything goes; default: out/calibrate_MODEL")
-    _add_session_options(command, ("seed", "particles", "iterations", "max_std"))
     _add_spreading(command)
 
 

@@ -34,12 +34,14 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Coordinate:
-    """ranks, errors : (R,) of the truth among the draws, and of the estimate, in `unit`."""
+    """ranks : (R,) of the truth among the draws; offsets : (R,) of the draws' mean from it, in `unit`; lever : metres
+    that the surface moves for one unit."""
 
     name: str
     ranks: Array
-    errors: Array
+    offsets: Array
     unit: str
+    lever: float = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,13 +63,14 @@ class Found:
     shares: Array
     errors: Array
     stds: Array
+    offsets: Array
     turned: Array
     add: Array
     expected_add: Array
     certain: Mask
     position_ranks: Array
     ellipsoid_ranks: Array
-    joint_errors: Array
+    joint_offsets: Array
     joint_ranks: Array
 
     @property
@@ -111,13 +114,17 @@ class Found:
     def coordinates(self) -> list[Coordinate]:
         """Positions along the world's axes, then joints."""
         positions = [
-            Coordinate(f"{part} {axis}", self.position_ranks[:, node, k], 1000 * self.errors[:, node, k], "mm")
+            Coordinate(f"{part} {axis}", self.position_ranks[:, node, k], 1000 * self.offsets[:, node, k], "mm")
             for node, part in enumerate(self.parts)
             for k, axis in enumerate("xyz")
         ]
+        levers = [
+            length if unit == "mrad" else 1.0
+            for unit, length in zip(self.units, self.lengths[self.joint_parts], strict=True)
+        ]
         joints = [
-            Coordinate(f"joint {name}", self.joint_ranks[:, k], 1000 * self.joint_errors[:, k], unit)
-            for k, (name, unit) in enumerate(zip(self.joints, self.units, strict=True))
+            Coordinate(f"joint {name}", self.joint_ranks[:, k], 1000 * self.joint_offsets[:, k], unit, 1e-3 * lever)
+            for k, (name, unit, lever) in enumerate(zip(self.joints, self.units, levers, strict=True))
         ]
         return positions + joints
 
@@ -167,10 +174,15 @@ class Uniformity:
         return statistic.shape(self.of.ranks) if len(self.of.ranks) else statistic.UNIFORM
 
     @property
-    def departure(self) -> str:
-        """The same, with the median of the estimate's errors where they lean to one side."""
+    def lean(self) -> float:
+        """Metres: the median of the draws' offsets where they lean to one side; else 0."""
         leans = self.shape in (statistic.LOW, statistic.HIGH)
-        off = f" by {abs(np.median(self.of.errors)):.2g} {self.of.unit} in the median" if leans else ""
+        return self.of.lever * abs(float(np.median(self.of.offsets))) if leans else 0.0
+
+    @property
+    def departure(self) -> str:
+        """The shape, and how far the draws lean."""
+        off = f" by {self.lean / self.of.lever:.2g} {self.of.unit} in the median" if self.lean else ""
         return f"{self.shape}{off}"
 
 
@@ -183,12 +195,13 @@ def gathered(model: ArticulatedObject, asked: Sequence[Asked], results: Sequence
         "shares": (count,),
         "errors": (count, 3),
         "stds": (count, 3),
+        "offsets": (count, 3),
         "turned": (count,),
         "add": (count,),
         "expected_add": (count,),
         "position_ranks": (count, 3),
         "ellipsoid_ranks": (count,),
-        "joint_errors": (dof,),
+        "joint_offsets": (dof,),
         "joint_ranks": (dof,),
     }
     arrays = {

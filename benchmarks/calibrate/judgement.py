@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from benchmarks.calibrate import ranks as statistic
 from benchmarks.calibrate.findings import Found, Mask, Rate, Uniformity, rate_of
 from pmpnbp.geometry.poses import Array
@@ -21,6 +19,8 @@ HONEST, OVERCONFIDENT, BIASED, CAUTIOUS = "honest", "overconfident", "biased", "
 LEVELS = {0.75: (0.70, 0.80), 0.95: (0.92, 0.98)}
 # Shares that are allowed: of links said to be certain, wrong; of absent objects, a good fit.
 WRONG_ALLOWED, FALSE_ALLOWED = 0.01, 0.05
+# Draws may lean by this share of what links are certain at: where it matters, truths are outside of their regions, too.
+LEAN_ALLOWED = 0.1
 # Standard normal quantile of a two-sided 99 % interval, and the same level for ranks.
 SURE, LEVEL = 2.575829, 0.01
 # Runs with the object below which next to nothing could be objected to.
@@ -75,27 +75,33 @@ def coverages(found: Found) -> list[Coverage]:
     ]
 
 
-def judged(found: Found, uniform: Sequence[Uniformity], false_finds: Rate) -> Judgement:
-    """Of the runs whose fit is good. false_finds : of runs without the object those whose fit is good, at 99 %"""
+def judged(found: Found, uniform: Sequence[Uniformity], false_finds: Rate, max_std: float) -> Judgement:
+    """Of the runs whose fit is good. false_finds : of runs without the object those whose fit is good, at 99 %; max_std
+    : metres, at which links are certain"""
     told = [f"{_percent(one.rates[-1])} of the {one.what}" for one in coverages(found) if one.rates[-1].cases]
     coverage = f"In the regions that are told for {100 * max(LEVELS):.0f} % lie {', '.join(told)}." if told else ""
     if len(found.seeds) < FEWEST:
         return Judgement(None, (), coverage)
-    against = list(_objections(found, uniform, false_finds))
+    odd = [one for one in uniform if one.judged < LEVEL]
+    leaning = [one for one in odd if 0 < one.lean <= LEAN_ALLOWED * max_std]
+    against = list(_objections(found, [one for one in odd if one not in leaning], false_finds))
     for word in (OVERCONFIDENT, BIASED, CAUTIOUS):
         reasons = tuple(reason for kind, reason in against if kind == word)
         if reasons:
             return Judgement(word, reasons, coverage)
-    least = min(one.judged for one in uniform)
-    held = (
-        f"the ranks of {len(uniform)} coordinates are uniform (least p {least:.2g} after Holm)",
-        "coverage, certain links and fits are within what is tolerated",
-    )
-    return Judgement(HONEST, held, coverage)
+    held = ["coverage, certain links and fits are within what is tolerated"]
+    even = [one.judged for one in uniform if one not in leaning]
+    if even:
+        held.append(f"the ranks of {len(even)} coordinates are uniform (least p {min(even):.2g} after Holm)")
+    if leaning:
+        held.append(
+            f"the draws lean by less than {100 * LEAN_ALLOWED:.0f} % of {1000 * max_std:g} mm: {_named(leaning)}"
+        )
+    return Judgement(HONEST, tuple(held), coverage)
 
 
-def _objections(found: Found, uniform: Sequence[Uniformity], false_finds: Rate) -> Iterator[tuple[str, str]]:
-    """Which of the words something speaks for, and what."""
+def _objections(found: Found, odd: Sequence[Uniformity], false_finds: Rate) -> Iterator[tuple[str, str]]:
+    """Which of the words something speaks for, and what. odd : whose ranks are not uniform"""
     for one in coverages(found):
         for (level, (least, most)), rate in zip(LEVELS.items(), one.sure, strict=True):
             word = OVERCONFIDENT if rate.high < least else CAUTIOUS if rate.low > most else None
@@ -107,12 +113,16 @@ def _objections(found: Found, uniform: Sequence[Uniformity], false_finds: Rate) 
     if false_finds.cases and false_finds.low > FALSE_ALLOWED:
         yield OVERCONFIDENT, f"the fit is good in {_percent(false_finds)} of runs without the object"
     for word in (OVERCONFIDENT, BIASED, CAUTIOUS):
-        some = [one for one in uniform if one.judged < LEVEL and _WORDS[one.shape] == word]
+        some = [one for one in odd if _WORDS[one.shape] == word]
         if some:
-            named = ", ".join(f"{one.of.name} (draws {one.departure})" for one in some[:3])
-            more = f" and {len(some) - 3} more" if len(some) > 3 else ""
-            least = np.min([one.judged for one in some])
-            yield word, f"the ranks of {named}{more} are not uniform (p {least:.2g} after Holm)"
+            least = min(one.judged for one in some)
+            yield word, f"the ranks of {_named(some)} are not uniform (p {least:.2g} after Holm)"
+
+
+def _named(some: Sequence[Uniformity]) -> str:
+    """The first three."""
+    more = f" and {len(some) - 3} more" if len(some) > 3 else ""
+    return ", ".join(f"{one.of.name} (draws {one.departure})" for one in some[:3]) + more
 
 
 def _percent(rate: Rate) -> str:

@@ -45,7 +45,7 @@ def write(task: Task, asked: Sequence[Asked], options: Options, run_log: RunLog)
     }
     is_good = np.array([verdict == "good" for verdict in verdicts[True]], dtype=bool)
     false_finds = rate_of(is_good, np.ones_like(is_good), SURE)
-    verdict = judgement.judged(good, uniform, false_finds)
+    verdict = judgement.judged(good, uniform, false_finds, task.max_std)
     captions = {}
     if len(good.seeds):
         draw_ranks(options, good, uniform, "ranks.png")

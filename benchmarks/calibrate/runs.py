@@ -37,11 +37,11 @@ def perform(task: Task, asked: Asked) -> Result:
     """The run of a `seed`, with the object or, where `absent`, without; its result is what JSON can hold.
 
     verdict : of the fit, or REFUSED; at_rest : whether it came to rest; effective : draws that count
-    Where the object is there, by part (N,): shares, of it that are measured; errors (N, 3), of the first link's
-    position, and stds (N, 3), metres; turned, radians; add and expected_add, metres, or None without a surface;
-    certain; position_ranks (N, 3), along the world's axes, and ellipsoid_ranks, of how far the truth lies from the
-    estimate, in the covariance's metric, among the draws. By joint coordinate (D,): joint_errors, metres or radians,
-    and joint_ranks.
+    Where the object is there, by part (N,): shares, of it that are measured; of the first link's position errors
+    (N, 3), the estimate less the truth, stds (N, 3), and offsets (N, 3), the draws' mean less the truth, metres;
+    turned, radians; add and expected_add, metres, or None without a surface; certain; position_ranks (N, 3), along the
+    world's axes, and ellipsoid_ranks, of how far the truth lies from the estimate, in the covariance's metric, among
+    the draws. By joint coordinate (D,): joint_offsets, metres or radians, and joint_ranks.
     """
     scene = scenes.draw(task, asked["seed"], absent=asked["absent"])
     inputs = Inputs(
@@ -89,6 +89,7 @@ def _against_truth(
         "shares": np.round(scene.shares, 4).tolist(),
         "errors": np.round(here - truth, 7).tolist(),
         "stds": np.round(std_xyz[first], 7).tolist(),
+        "offsets": np.round(np.einsum("k,knc->nc", weights, drawn) - truth, 7).tolist(),
         "turned": np.round(turned, 6).tolist(),
         "add": _numbers(add),
         "expected_add": _numbers(spread.expected_add[first]),
@@ -97,7 +98,7 @@ def _against_truth(
         "ellipsoid_ranks": np.round(
             ranks(rng, _apart(drawn, here, metric), _apart(truth, here, metric), weights), 6
         ).tolist(),
-        "joint_errors": np.round(estimated - true_joints, 7).tolist(),
+        "joint_offsets": np.round(weights @ joints - true_joints, 7).tolist(),
         "joint_ranks": np.round(ranks(rng, joints, true_joints, weights), 6).tolist(),
     }
 

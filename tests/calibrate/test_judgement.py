@@ -20,7 +20,7 @@ from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.urdf import load_model
 from tests.calibrate import objects
 
-RUNS, DRAWS = 160, 100
+RUNS, DRAWS, MAX_STD = 160, 100, 0.0025
 NO_FALSE_FINDS = Rate(0, 40, 40, 0.0, 0.14)
 
 
@@ -43,13 +43,14 @@ def toy(rng: np.random.Generator, width: float, lean: float) -> dict[str, Any]:
         "shares": [0.8, 0.4 if rng.random() < 0.7 else 0.05],
         "errors": errors,
         "stds": np.full((2, 3), width * 1e-3),
+        "offsets": errors + drawn.mean(axis=0),
         "turned": [0.0, 0.0],
         "add": add,
         "expected_add": [1.6e-3 * width] * 2,
         "certain": [True, True],
         "position_ranks": ranks(rng, drawn, -errors, even),
         "ellipsoid_ranks": ranks(rng, np.linalg.norm(drawn, axis=2), add, even),
-        "joint_errors": slid,
+        "joint_offsets": slid + slides.mean(axis=0),
         "joint_ranks": ranks(rng, slides, -slid, even),
     }
 
@@ -60,7 +61,7 @@ def found(model: ArticulatedObject, seed: int, width: float = 1.0, lean: float =
 
 
 def word(some: Found, false_finds: Rate = NO_FALSE_FINDS) -> str | None:
-    return judged(some, uniformities(some), false_finds).word
+    return judged(some, uniformities(some), false_finds, MAX_STD).word
 
 
 def test_an_honest_belief_is_called_so(model: ArticulatedObject) -> None:
@@ -74,7 +75,7 @@ def test_an_honest_belief_is_called_so(model: ArticulatedObject) -> None:
 )
 def test_another_one_is_caught(model: ArticulatedObject, width: float, lean: float, told: str) -> None:
     some = found(model, 1, width, lean)
-    verdict = judged(some, uniformities(some), NO_FALSE_FINDS)
+    verdict = judged(some, uniformities(some), NO_FALSE_FINDS, MAX_STD)
     # a lean of 0.7 deviations moves truths out of their regions, too
     assert verdict.word == told or (told == BIASED and verdict.word == OVERCONFIDENT)
     assert verdict.sentence("'slider'", RUNS).startswith(
@@ -84,11 +85,21 @@ def test_another_one_is_caught(model: ArticulatedObject, width: float, lean: flo
 
 def test_how_far_a_belief_leans_is_told(model: ArticulatedObject) -> None:
     some = found(model, 2)
-    some.errors[..., 2] += 0.002
+    some.offsets[..., 2] += 0.002
     some.position_ranks[..., 2] *= 0.3
-    verdict = judged(some, uniformities(some), NO_FALSE_FINDS)
+    verdict = judged(some, uniformities(some), NO_FALSE_FINDS, MAX_STD)
     assert verdict.word == BIASED
     assert "box z (draws too high by 2 mm in the median)" in verdict.because[0]
+
+
+def test_a_lean_of_no_account_is_told_and_not_objected_to(model: ArticulatedObject) -> None:
+    some = found(model, 2)
+    some.offsets[..., 2] *= 0.1
+    some.offsets[..., 2] += 0.0001
+    some.position_ranks[..., 2] *= 0.5
+    verdict = judged(some, uniformities(some), NO_FALSE_FINDS, MAX_STD)
+    assert verdict.word == HONEST
+    assert "the draws lean by less than 10 % of 2.5 mm: box z (draws too high by 0.1" in verdict.because[-1]
 
 
 def test_certain_links_that_are_wrong_and_absent_objects_that_are_found_are_objected_to(
@@ -97,14 +108,14 @@ def test_certain_links_that_are_wrong_and_absent_objects_that_are_found_are_obje
     some = found(model, 0)
     assert word(some, Rate(20, 40, 40, 0.31, 0.69)) == OVERCONFIDENT
     some.turned[: RUNS // 8] = 0.5
-    verdict = judged(some, uniformities(some), NO_FALSE_FINDS)
+    verdict = judged(some, uniformities(some), NO_FALSE_FINDS, MAX_STD)
     assert verdict.word == OVERCONFIDENT
     assert "of links said to be certain are not within 1 cm and 2°" in verdict.because[0]
 
 
 def test_few_runs_tell_nothing(model: ArticulatedObject) -> None:
     some = found(model, 0, runs=judgement.FEWEST - 1)
-    verdict = judged(some, uniformities(some), NO_FALSE_FINDS)
+    verdict = judged(some, uniformities(some), NO_FALSE_FINDS, MAX_STD)
     assert verdict.word is None
     assert "cannot be told: 30 runs with a good fit are needed, and there are 29" in verdict.sentence("'slider'", 29)
 

@@ -35,6 +35,8 @@ FEW, HALF_HIDDEN, FEW_IF_HIDDEN = 60.0, 0.3, 150.0
 # A part is missed where less than this share of its pixels confirms it, of so many that can be seen, and of this share
 # of its own.
 MISSED, FEWEST_PIXELS, IN_SIGHT = 0.25, 20, 0.3
+# A part is denied where it is seen through in a larger share of its pixels that are in sight, of as many at least.
+DENIED = 0.15
 # Neighbouring pixels are of one surface where their depths differ by a smaller share.
 STEP = 0.015
 # Pixels about the outline that touch the object because of the image's grain.
@@ -48,12 +50,14 @@ _IN_SIGHT = (PixelKind.EXPLAINED, PixelKind.ON_SUPPORT, PixelKind.SEEN_THROUGH, 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
     """verdict : whether what should be seen is seen; reason : one sentence; explained : the share of it that the scan
-    confirms, 0 to 1, weighed as the score is; missed : names of parts that are not where they should be seen."""
+    confirms, 0 to 1, weighed as the score is; missed : names of parts that are not where they should be seen; denied :
+    of those that much is seen through, whose place is not to be believed, whatever that of the others is."""
 
     verdict: Verdict
     reason: str
     explained: float
     missed: tuple[str, ...] = ()
+    denied: tuple[str, ...] = ()
 
 
 def assess(problem: Problem, root: Array, joints: Array) -> Fit:
@@ -62,7 +66,7 @@ def assess(problem: Problem, root: Array, joints: Array) -> Fit:
     tolerance = problem.tolerance_end
     covered = hidden = confirmed = touching = 0
     expected = 0.0
-    own = np.zeros((3, problem.mrf.nodes))  # pixels of each part: covered, in sight, confirmed
+    own = np.zeros((4, problem.mrf.nodes))  # pixels of each part: covered, in sight, confirmed, seen through
     for view, _, depth, number in renders(problem.observation, problem.surfaces, part_poses, problem.nuisances):
         kinds = pixel_kinds(view.depth, view.category, depth, tolerance)
         in_sight = np.isin(kinds, _IN_SIGHT)
@@ -72,7 +76,7 @@ def assess(problem: Problem, root: Array, joints: Array) -> Fit:
         confirmed += int(np.count_nonzero(near))
         expected += float(((depth / problem.unit_distance) ** 2)[in_sight].sum())
         touching += _touching(view, depth > 0, near)
-        for row, chosen in enumerate((depth > 0, in_sight, near)):
+        for row, chosen in enumerate((depth > 0, in_sight, near, kinds == PixelKind.SEEN_THROUGH)):
             own[row] += np.bincount(number[chosen], minlength=problem.mrf.nodes)
     scoring = replace(problem.score(tolerance), form="robust")
     score = object_scores(problem.observation, problem.surfaces, part_poses[None], scoring, problem.nuisances)[0]
@@ -80,8 +84,12 @@ def assess(problem: Problem, root: Array, joints: Array) -> Fit:
     names = [part.name for part in problem.mrf.model.parts]
     seen = (own[1] >= FEWEST_PIXELS) & (own[1] >= IN_SIGHT * own[0])
     missed = tuple(names[node] for node in np.flatnonzero(seen & (own[2] < MISSED * own[1])))
+    through = (own[1] >= FEWEST_PIXELS) & (own[3] > DENIED * own[1])
+    denied = tuple(names[node] for node in np.flatnonzero(through))
     verdict, reason = _judged(explained, float(score), hidden / max(covered, 1), touching, confirmed, missed)
-    return Fit(verdict=verdict, reason=reason, explained=explained, missed=missed)
+    if verdict == "good" and denied:
+        reason = f"{reason}; much of {some_of(denied)} is seen through, so that it is elsewhere"
+    return Fit(verdict=verdict, reason=reason, explained=explained, missed=missed, denied=denied)
 
 
 def some_of(names: Sequence[str]) -> str:

@@ -10,7 +10,7 @@ millimetre, and so much more would such a place weigh for every drawer, though n
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from pmpnbp.inference.log_weights import normalise
 from pmpnbp.inference.mrf import part_motions
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import agreeing, polish
+from pmpnbp.readout.denied_parts import drawn_anew, moving
 from pmpnbp.readout.fit import Fit, assess
 from pmpnbp.readout.object_posterior import ModeDraws, log_posterior, mode_draws
 from pmpnbp.readout.particle_statistics import covariance
@@ -94,6 +95,10 @@ class Posterior:
         below = np.cumsum(np.exp(self.log_weights))
         return np.searchsorted(below / below[-1], (np.arange(count) + 0.5) / count)
 
+    def denied(self, model: ArticulatedObject) -> list[int]:
+        """Numbers of the parts that are not to be believed where they were found."""
+        return [node for node, part in enumerate(model.parts) if part.name in self.fit.denied]
+
     @property
     def told(self) -> bool:
         """Whether it can be built on: what should be seen is seen, and enough draws count."""
@@ -108,7 +113,8 @@ class Spread:
     a link moves with, NaN where that has no surface; joint_stds : (D,) about the estimate; joint_intervals : (2, D)
     the central 90 %; moved : (M, L) metres (eq. 12, or of the origin where there is no surface) from the estimate to
     each mode's best configuration; round_turns : (N,) of a part that is round about an axis, how far its turns about
-    it agree, 0 (any) to 1 (all the same): the length of their mean on the unit circle; NaN of others
+    it agree, 0 (any) to 1 (all the same): the length of their mean on the unit circle; NaN of others; denied : (L,)
+    whether a link is of a part, or hangs on one, that is not to be believed where it was found
     """
 
     covariances: Array
@@ -117,17 +123,18 @@ class Spread:
     joint_intervals: Array
     moved: Array
     round_turns: Array
+    denied: NDArray[np.bool_]
 
     def certain(self, posterior: Posterior, max_std: float) -> NDArray[np.bool_]:
-        """(L,): whether the fit is good, no mode of more than 1 % has the link elsewhere, and no element of its
-        `std_xyz`, nor its `expected_add`, is above `max_std`, metres."""
+        """(L,): whether the fit is good, the link's part not denied, no mode of more than 1 % has it elsewhere, and no
+        element of its `std_xyz`, nor its `expected_add`, is above `max_std`, metres."""
         std = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2)[:, :3]).max(axis=1)
         rivals = np.array([mode.weight > DOUBT for mode in posterior.modes])
         # the mode that the estimate is of is not elsewhere; how far the estimate is from it counts as spread
         rivals[np.argmin(self.moved.max(axis=1))] = False
         elsewhere = np.any(rivals[:, None] & (self.moved > max_std), axis=0)
         narrow = (std <= max_std) & ~(self.expected_add > max_std)
-        found: NDArray[np.bool_] = posterior.told & narrow & ~elsewhere
+        found: NDArray[np.bool_] = posterior.told & narrow & ~elsewhere & ~self.denied
         return found
 
 
@@ -150,7 +157,9 @@ def of_estimate(problem: Problem, report: IterationReport) -> Posterior:
         ):
             places.append(rival)
             drawn.append(mode_draws(rng, problem, *rival))
-    return _mixture(report.iteration, places, drawn, assess(problem, root, joints))
+    found = _mixture(report.iteration, places, drawn, assess(problem, root, joints))
+    denied = found.denied(problem.mrf.model)
+    return replace(found, drawn_joints=drawn_anew(rng, problem, root, joints, denied, found.drawn_joints))
 
 
 def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -> Spread:
@@ -180,6 +189,7 @@ def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -
         joint_intervals=joints + intervals,
         moved=np.fmax(distances(surfaces, at, modes)[:, node], origins),
         round_turns=turn_agreement(surfaces, at, placed),
+        denied=np.isin(node, [below for one in posterior.denied(model) for below in moving(problem.mrf, one)]),
     )
 
 

@@ -26,7 +26,8 @@ _DRAWS = ("root", "joints", "drawn_roots", "drawn_joints", "log_weights", "mode"
 def posterior_arrays(posterior: Posterior) -> Arrays:
     """The arrays of a posterior by name."""
     fit, modes = posterior.fit, posterior.modes
-    text = {"verdict": fit.verdict, "reason": fit.reason, "explained": fit.explained, "missed": fit.missed}
+    text = {"verdict": fit.verdict, "reason": fit.reason, "explained": fit.explained}
+    text |= {"missed": fit.missed, "denied": fit.denied}
     found: Arrays = {name: getattr(posterior, name) for name in _DRAWS}
     found["mode_weights"] = np.array([mode.weight for mode in modes])
     found["mode_roots"] = np.array([mode.root for mode in modes])
@@ -49,7 +50,7 @@ def to_posterior(iteration: int, arrays: Mapping[str, NDArray[Any]]) -> Posterio
         **{name: found[name] for name in _DRAWS},
         modes=tuple(ObjectMode(weight=float(weight), root=root, joints=joints) for weight, root, joints in modes),
         effective_sample_size=float(found["effective_sample_size"].item()),
-        fit=Fit(verdict=fit["verdict"], reason=fit["reason"], explained=fit["explained"], missed=tuple(fit["missed"])),
+        fit=Fit(**{**fit, **{name: tuple(fit[name]) for name in ("missed", "denied")}}),
     )
 
 
@@ -88,5 +89,5 @@ def _fits(problem: Problem, posterior: Posterior) -> bool:
         and isinstance(fit.reason, str)
         and isinstance(fit.explained, float | int)
         and 0 <= fit.explained <= 1
-        and all(isinstance(name, str) for name in fit.missed)
+        and all(isinstance(name, str) for name in (*fit.missed, *fit.denied))
     )

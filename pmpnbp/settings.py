@@ -167,6 +167,21 @@ class Settings:
     search_islands: int = _setting(
         40, "hypotheses", "distinct ones that survive each iteration of the search", low=1, high=2000
     )
+    view_explained: float = _setting(
+        0.62,
+        "",
+        "share of what should be seen in a new view that it must confirm, else the search begins again; 0: never",
+        paper=0.0,
+        low=0,
+        high=1,
+    )
+    moved_std_xyz: float = _setting(
+        0.05, "m", "how far the object may have been moved along each axis where a scan replaces others", low=0
+    )
+    moved_std_rpy: float = _setting(0.15, "rad", "how far it may have been turned then", low=0)
+    moved_joint_share: float = _setting(
+        0.5, "", "how far each joint may have been moved then, as a share of its range", low=0, high=1
+    )
     refine_iterations: int = _setting(
         0, "iterations", "after annealing that score with the rasteriser instead of splats", paper=0, low=0, high=10_000
     )

@@ -111,6 +111,7 @@ class State:
     root, joints : the whole-object estimate so far, None before the first; nuisances : (K,) what it takes these for,
         see `potentials/nuisances.py`, or None
     rivals : (R, 7 + D) root pose and joint vector of each place that the search compared last, or None without one
+    search_after : the iteration after which the search began, and with it the annealing; 0 unless it began again
     """
 
     iteration: int
@@ -120,13 +121,15 @@ class State:
     joints: Float[Array, " dof"] | None = None
     nuisances: Float[Array, " nuisances"] | None = None
     rivals: Float[Array, "rivals configuration"] | None = None
+    search_after: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class IterationReport:
     """One iteration as it is recorded: enough to ask "why this weight".
 
-    iteration : 0 is the start; stage : "start", "search", "belief propagation", "particle filter", "refine"
+    iteration : 0 is the start; stage : "start", "search", "tracking", "belief propagation", "particle filter",
+        "refine"
     belief : the weighted set before resampling, so that every weight can be explained
     messages : what was sent, or None
     log_message_shares : log of each incoming message's share in a particle's weight, NaN beyond a node's own
@@ -136,7 +139,7 @@ class IterationReport:
         the parts need not agree with a tree; map_score : whole-object log score
     seconds : wall time of the iteration
     nuisances : (K,) what the estimate takes these for, see `potentials/nuisances.py`, or None
-    rivals : those of the state that the iteration led to
+    rivals, search_after : those of the state that the iteration led to
     """
 
     iteration: int
@@ -154,6 +157,7 @@ class IterationReport:
     notes: tuple[str, ...] = ()
     nuisances: Float[Array, " nuisances"] | None = None
     rivals: Float[Array, "rivals configuration"] | None = None
+    search_after: int = 0
 
     @classmethod
     def of(
@@ -186,6 +190,7 @@ class IterationReport:
             seconds=seconds,
             nuisances=state.nuisances,
             rivals=state.rivals,
+            search_after=state.search_after,
         )
 
 

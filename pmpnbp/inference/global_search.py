@@ -13,7 +13,7 @@ from the start, and the better result stays.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +25,10 @@ from pmpnbp.inference.belief import FLIP, OWN, START, SURFACE, Belief, Iteration
 from pmpnbp.inference.chain_growth import grow
 from pmpnbp.inference.hypotheses import Hypotheses, Proposals, distinct, ranked, walk
 from pmpnbp.inference.initialisation import matched_roots, prior_roots, random_joints
-from pmpnbp.inference.joint_sweep import elsewhere, sweep
 from pmpnbp.inference.problem import Problem
-from pmpnbp.inference.rivals import look_alikes, turned, turning_axes
-from pmpnbp.inference.tree_estimate import configuration_scores, polish
+from pmpnbp.inference.rivals import turned, turning_axes
+from pmpnbp.inference.settling import SETTLE_INFORMED, SETTLE_UNINFORMED, Settling, settled, tight_tolerance
+from pmpnbp.inference.tree_estimate import configuration_scores
 from pmpnbp.potentials.unary import explained_share
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.settings import Schedule
@@ -51,55 +51,21 @@ INFORMED_ISLANDS = 0.5
 DISTINCT = 1.5
 # Effective share of the islands' weights where the settings leave weights untempered.
 EFFECTIVE_SHARE = 0.15
-# The last comparison is made at this many times the tolerance that annealing ends at.
-FINAL_TOLERANCE = 2.0
-# Joints of the winner that may be put elsewhere after that.
-SWEEPS = 3
-# Finalists go on unless their score is worse than the best by a larger share; right ones were by a third at most.
-HOPELESS = 0.5
-# Rivals contest the best one where their score is worse by a smaller share.
-CLOSE = 0.15
-# What looks like a best one that nothing contests; for how many rounds that is polished, at so many times the last
-# tolerance and then at that.
-UNCONTESTED, UNCONTESTED_ROUNDS, LOOSE = 2, 4, 2.0
-
-
-@dataclass(frozen=True)
-class Settling:
-    """How much is spent on the last word of the search.
-
-    finalists : hypotheses that are polished for a round; mistaken : those of them that others of the same look are made
-    of; alike : how many of these are polished with them; stay : how many are left after it, and of these and as many
-    with a joint elsewhere after another round; rounds : that those are polished for then; rivals, last_rounds : the
-    distinct ones among them that are polished at the last tolerance, and for how long
-    """
-
-    finalists: int
-    mistaken: int
-    alike: int
-    stay: int
-    rounds: int
-    rivals: int
-    last_rounds: int
-
-
-# Without a prior places of the same look compete, which differ by little until they are exact; a prior leaves mostly
-# one.
-SETTLE_UNINFORMED = Settling(finalists=40, mistaken=6, alike=20, stay=16, rounds=2, rivals=6, last_rounds=8)
-SETTLE_INFORMED = Settling(finalists=20, mistaken=0, alike=0, stay=8, rounds=2, rivals=2, last_rounds=4)
 
 
 def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, IterationReport]:
     """One iteration of the search; the last one includes further searches where the first did not do."""
     began = time.perf_counter()
     state, report = _searched(rng, state, problem)
-    if state.iteration < problem.search_iterations:
+    began_after = state.search_after
+    if state.iteration - began_after < problem.search_iterations:
         return state, report
     shares, rivals = [_explained(problem, report)], [state.rivals]
     while shares[-1] < problem.settings.search_explained and len(shares) <= problem.settings.search_restarts:
         other, its_report = state, report
         for number in range(problem.search_iterations):
-            other, its_report = _searched(rng, replace(other, iteration=number), problem)
+            other = replace(other, iteration=began_after + number)
+            other, its_report = _searched(rng, other, problem, anew=True)
         rivals.append(other.rivals)
         if its_report.map_score > report.map_score:
             state, report = other, its_report
@@ -115,16 +81,43 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
 
 
 def _explained(problem: Problem, report: IterationReport) -> float:
-    return explained_share(problem.observation, problem.surfaces, report.map_poses, _tight(problem))
+    return explained_share(problem.observation, problem.surfaces, report.map_poses, tight_tolerance(problem))
 
 
-def _searched(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, IterationReport]:
-    """One iteration of a search. The first takes nothing from the state before."""
-    began = time.perf_counter()
-    number = state.iteration + 1
+def _searched(
+    rng: np.random.Generator, state: State, problem: Problem, *, anew: bool = False
+) -> tuple[State, IterationReport]:
+    """One iteration of a search. The first one takes nothing from the state before, where it is the inference's first
+    search, or `anew`; one that begins again takes the hypotheses that it begins with for islands."""
+    number = state.iteration + 1 - state.search_after
     plan = problem.schedule(number)
-    proposals, kept = _proposals(rng, state, problem, plan, number)
-    islands = _islands(problem, number)
+    nothing = number == 1 and (anew or state.search_after == 0)
+    parents = None if nothing else np.unique(state.belief.origin.island[0], return_index=True)[1]
+    proposals, kept = _proposals(rng, state, problem, plan, number, parents)
+    effort = SETTLE_UNINFORMED if isinstance(problem.prior, UniformPrior) else SETTLE_INFORMED
+    last = number == problem.search_iterations
+    return compared(
+        rng, state, problem, proposals, kept, plan, _islands(problem, number), effort if last else None, "search"
+    )
+
+
+def compared(
+    rng: np.random.Generator,
+    state: State,
+    problem: Problem,
+    proposals: Proposals,
+    kept: slice,
+    plan: Schedule,
+    islands: int,
+    effort: Settling | None,
+    stage: str,
+) -> tuple[State, IterationReport]:
+    """An iteration that leaves the best of the proposals: extended along the joints, told apart, rendered whole.
+
+    kept : which of the proposals stay as they are; islands : hypotheses that are left, at most
+    effort : how these are settled; None before the last word
+    """
+    began = time.perf_counter()
     if problem.long_chain:
         tried = grow(rng, problem, proposals, plan)
     else:
@@ -135,17 +128,24 @@ def _searched(rng: np.random.Generator, state: State, problem: Problem) -> tuple
     whole = configuration_scores(problem, tried.roots[leaders], tried.joints[leaders], plan.tolerance)
     best_first = np.argsort(-whole, kind="stable")[:islands]
     rivals = None
-    if number == problem.search_iterations:
-        tried, total = _settled(rng, problem, tried.taken(leaders[best_first]), plan)
+    if effort is not None:
+        tried, total = settled(rng, problem, tried.taken(leaders[best_first]), plan, effort)
         order = leaders = member_of = np.arange(len(total))
         whole, best_first = total, np.argsort(-total, kind="stable")
         rivals = np.concatenate([tried.roots, tried.joints], axis=1)[best_first]
     belief, inverse_temperature = _belief(problem, tried, total, order, member_of, leaders, whole, best_first)
     best = leaders[best_first[0]]
-    new = State(iteration=number, belief=belief, root=tried.roots[best], joints=tried.joints[best], rivals=rivals)
+    new = State(
+        iteration=state.iteration + 1,
+        belief=belief,
+        root=tried.roots[best],
+        joints=tried.joints[best],
+        rivals=rivals,
+        search_after=state.search_after,
+    )
     report = IterationReport.of(
         new,
-        "search",
+        stage,
         inverse_temperature=inverse_temperature,
         tolerance=plan.tolerance,
         map_poses=tried.part_poses[best],
@@ -163,100 +163,18 @@ def _islands(problem: Problem, number: int) -> int:
     return max(round(problem.settings.search_islands * share * (1 + (FIRST_ISLANDS - 1) * left)), 1)
 
 
-def _settled(
-    rng: np.random.Generator, problem: Problem, finalists: Hypotheses, plan: Schedule
-) -> tuple[Hypotheses, Array]:
-    """The last word of the search: finalists and what looks like them, polished, and their whole-object scores.
-
-    Until here a good hypothesis a little out of place may have been worth less than a wrong one in its best place; so
-    they are compared in their best places, at a tight tolerance.
-    """
-    effort = SETTLE_UNINFORMED if isinstance(problem.prior, UniformPrior) else SETTLE_INFORMED
-    finalists = finalists.taken(np.arange(min(effort.finalists, len(finalists.roots))))
-    if effort.mistaken:
-        first = finalists.taken(np.arange(min(effort.mistaken, len(finalists.roots))))
-        finalists = finalists.joined(look_alikes(rng, problem, first, plan, effort.alike))
-    finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, 1)
-    finalists = _promising(problem, finalists, score, plan, effort.stay)
-    finalists = finalists.joined(_with_a_joint_elsewhere(rng, problem, finalists, plan, effort.stay))
-    finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, 1)
-    finalists = _promising(problem, finalists, score, plan, effort.stay)
-    finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, effort.rounds)
-    rivals = _promising(problem, finalists, score, plan, effort.stay)
-    rivals = rivals.taken(np.arange(min(effort.rivals, len(rivals.roots))))
-    tight = _tight(problem)
-    rivals, score = _polished(rng, problem, rivals, plan, tight, effort.last_rounds)
-    if effort.mistaken:
-        rivals, score = _contested(rng, problem, rivals, score, replace(plan, tolerance=tight), effort)
-    best = int(score.argmax())
-    roots, joints, score = rivals.roots.copy(), rivals.joints.copy(), score.copy()
-    roots[best], joints[best], score[best] = sweep(rng, problem, roots[best], joints[best], plan, tight, SWEEPS)
-    return replace(rivals, roots=roots, joints=joints, part_poses=problem.mrf.part_poses(roots, joints)), score
-
-
-def _promising(problem: Problem, tried: Hypotheses, score: Array, plan: Schedule, most: int) -> Hypotheses:
-    """Of the `most` best of those tried, best first, one for each place they came to, and none far behind the best."""
-    order = np.argsort(-score, kind="stable")[:most]
-    order = order[score[order] >= score.max() - HOPELESS * abs(score.max())]
-    chosen, _ = distinct(problem, tried, order, len(order), plan.diffusion_position)
-    return tried.taken(chosen)
-
-
-def _contested(
-    rng: np.random.Generator, problem: Problem, rivals: Hypotheses, score: Array, plan: Schedule, effort: Settling
-) -> tuple[Hypotheses, Array]:
-    """Rivals and their scores (H,), and what looks like the best of them, polished as well: of two places that look the
-    same the right one may have been lost on the way. Where several places of the root come near the best, also what
-    looks like these, and these with a joint elsewhere, polished as long: none of them may be the right one."""
-    order = np.argsort(-score, kind="stable")
-    by_root = replace(rivals, unary=np.where(np.arange(problem.mrf.nodes) == 0, rivals.unary, 0.0))
-    apart, _ = distinct(problem, by_root, order, len(order), plan.diffusion_position)
-    close = apart[score[apart] >= score.max() - CLOSE * abs(score.max())]
-    near = rivals.taken(close)
-    if len(close) == 1:
-        others = look_alikes(rng, problem, near, plan, UNCONTESTED)
-        others, _ = _polished(rng, problem, others, plan, LOOSE * plan.tolerance, UNCONTESTED_ROUNDS)
-        others, reached = _polished(rng, problem, others, plan, plan.tolerance, UNCONTESTED_ROUNDS)
-        return rivals.joined(others), np.concatenate([score, reached])
-    others = look_alikes(rng, problem, near, plan, effort.rivals)
-    others = others.joined(_with_a_joint_elsewhere(rng, problem, near, plan, effort.rivals))
-    others, reached = _polished(rng, problem, others, plan, plan.tolerance, effort.last_rounds)
-    return rivals.joined(others), np.concatenate([score, reached])
-
-
-def _with_a_joint_elsewhere(
-    rng: np.random.Generator, problem: Problem, finalists: Hypotheses, plan: Schedule, most: int
-) -> Hypotheses:
-    """At most `most` of the finalists with one joint in the best of its other places, those with the best whole-object
-    scores: a part that hides behind another was put where it explains that one's pixels once more."""
-    joints, score = elsewhere(rng, problem, finalists.roots, finalists.joints, plan)
-    best = np.argsort(-score, axis=None, kind="stable")[: min(most, np.isfinite(score).sum())]
-    row, moved = np.unravel_index(best, score.shape)
-    others, chosen = finalists.taken(row), joints[row, moved]
-    return replace(others, joints=chosen, part_poses=problem.mrf.part_poses(others.roots, chosen))
-
-
-def _tight(problem: Problem) -> float:
-    """Metres: the tolerance of the search's last word."""
-    return FINAL_TOLERANCE * problem.tolerance_end
-
-
-def _polished(
-    rng: np.random.Generator, problem: Problem, tried: Hypotheses, plan: Schedule, tolerance: float, rounds: int
-) -> tuple[Hypotheses, Array]:
-    """Hypotheses moved to their best places at a tolerance, and their whole-object scores there."""
-    roots, joints, score = polish(rng, problem, tried.roots, tried.joints, plan, tolerance, rounds)
-    return replace(tried, roots=roots, joints=joints, part_poses=problem.mrf.part_poses(roots, joints)), score
-
-
 def _proposals(
-    rng: np.random.Generator, state: State, problem: Problem, plan: Schedule, number: int
+    rng: np.random.Generator,
+    state: State,
+    problem: Problem,
+    plan: Schedule,
+    number: int,
+    parents: NDArray[np.int64] | None,
 ) -> tuple[Proposals, slice]:
-    """Roots, joints, source and ancestor: new ones, and offspring of the islands (most of them later on); and which of
-    them are the islands themselves."""
+    """Roots, joints, source and ancestor: new ones, and offspring of the islands, whose best particles are `parents`
+    (most of them later on); and which of them are the islands themselves."""
     count = problem.search_proposals
     informed = not isinstance(problem.prior, UniformPrior)
-    parents = None if number == 1 else np.unique(state.belief.origin.island[0], return_index=True)[1]
     share = min(MOST_OFFSPRING, OFFSPRING + MORE_OFFSPRING * number / problem.search_iterations)
     offspring = 0 if parents is None else round(count * share)
     fresh = count - offspring

@@ -33,7 +33,7 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     began = time.perf_counter()
     problem = problem.taking(state.nuisances)
     number = state.iteration + 1
-    plan = problem.schedule(number)
+    plan = problem.schedule(number - state.search_after)
     belief, inverse_temperature = _weighed(problem, *draw(rng, state, problem, plan), plan)
     root, joints, map_poses, score, nuisances = improve(rng, problem, state, belief, plan)
     new = replace(state, iteration=number, belief=belief, root=root, joints=joints, nuisances=nuisances)

@@ -11,6 +11,7 @@ from pmpnbp.errors import ScanError
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import mrf as mrf_module
+from pmpnbp.inference.arrival import Arrival
 from pmpnbp.inference.mrf import Mrf
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.surfaces import Surfaces, prepare_surfaces
@@ -44,6 +45,7 @@ class Problem:
     nuisance_std : (K,) prior standard deviations of the nuisances, see `potentials/nuisances.py`; 0 is fixed
     nuisance_levers : (K,) metres that the object's surface moves for one unit of each
     nuisances : (K,) what they are taken for; None where all are fixed
+    arrival : which views came last, and after which iteration; None where all were there at the beginning
     """
 
     mrf: Mrf
@@ -63,6 +65,7 @@ class Problem:
     nuisance_std: Array
     nuisance_levers: Array
     nuisances: Array | None
+    arrival: Arrival | None = None
 
     @property
     def any_orientation(self) -> bool:
@@ -94,7 +97,7 @@ class Problem:
         return round(self.settings.search_proposals * share)
 
     def schedule(self, iteration: int) -> Schedule:
-        """What the annealing has reached in an iteration."""
+        """What the annealing has reached in an iteration, counted from where the search began."""
         plan = schedule(self.settings, iteration, self.search_iterations)
         return replace(plan, tolerance=max(plan.tolerance, self.tolerance_end))
 
@@ -167,8 +170,10 @@ def build(
     particles: int = SessionOptions.particles,
     seed: int = SessionOptions.seed,
     method: str = SessionOptions.method,
+    arrival: Arrival | None = None,
 ) -> Problem:
-    """Prepare the inputs: splat models of the parts, the MRF, the prior in the frame of its part.
+    """Prepare the inputs: splat models of the parts, the MRF, the prior in the frame of its part, widened by the motion
+    that there may have been since.
 
     Raises SettingError for a `method` that there is none of, and ScanError where the object has to be looked for and
     nothing that was seen may be it.
@@ -179,6 +184,7 @@ def build(
     node, pose = -1, poses.IDENTITY
     known: dict[int, tuple[float, float]] = {}
     if isinstance(prior, GaussianPrior):
+        prior = _moved_on(prior, model, settings, 0 if arrival is None else arrival.moves)
         node, pose = _prior_in_part(model, prior)
         coordinates = {joint.name: joint.coordinates for joint in model.joints}
         known = {c: prior.joints[name] for name in prior.joints for c in coordinates[name]}
@@ -210,6 +216,24 @@ def build(
         nuisance_std=nuisance_std,
         nuisance_levers=levers,
         nuisances=np.zeros(len(levers)) if nuisance_std.any() else None,
+        arrival=arrival,
+    )
+
+
+def _moved_on(prior: GaussianPrior, model: ArticulatedObject, settings: Settings, moves: int) -> GaussianPrior:
+    """What a prior says after the scene has moved on so many times: variances add up."""
+    if moves == 0:
+        return prior
+    each = np.sqrt(moves)
+    span = {joint.name: float(np.ptp([joint.lower, joint.upper])) for joint in model.joints}
+    return replace(
+        prior,
+        std_xyz=np.hypot(prior.std_xyz, each * settings.moved_std_xyz),
+        std_rpy=np.hypot(prior.std_rpy, each * settings.moved_std_rpy),
+        joints={
+            name: (position, float(np.hypot(std, each * settings.moved_joint_share * span[name])))
+            for name, (position, std) in prior.joints.items()
+        },
     )
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference import belief_propagation, global_search, initialisation, particle_filter
+from pmpnbp.inference import belief_propagation, global_search, initialisation, particle_filter, tracking
 from pmpnbp.inference.belief import IterationReport, State
 from pmpnbp.inference.mrf import part_motions
 from pmpnbp.inference.problem import Problem
@@ -94,14 +94,23 @@ def begin(problem: Problem) -> tuple[State, IterationReport]:
 
 
 def advance(state: State, problem: Problem) -> tuple[State, IterationReport]:
-    """The next iteration: of the search, then of the problem's method. Its random numbers depend on the seed and its
-    number alone, so that any iteration can be done again from its recorded state."""
+    """The next iteration: what a scan that has just come asks for, else of the search, then of the problem's method. Its
+    random numbers depend on the seed and its number alone, so that any iteration can be done again from its recorded
+    state."""
     rng = np.random.default_rng([problem.seed, state.iteration + 1])
-    if state.iteration < problem.search_iterations:
-        return global_search.step(rng, state, problem)
-    if problem.method == "particle_filter":
-        return particle_filter.step(rng, state, problem)
-    return belief_propagation.step(rng, state, problem)
+    state, report, notes = tracking.received(rng, state, problem)
+    if report is None:
+        state, report = _method(state, problem)(rng, state, problem)
+    return state, replace(report, notes=(*notes, *report.notes)) if notes else report
+
+
+def _method(
+    state: State, problem: Problem
+) -> Callable[[np.random.Generator, State, Problem], tuple[State, IterationReport]]:
+    """What makes the iteration after a state."""
+    if state.iteration - state.search_after < problem.search_iterations:
+        return global_search.step
+    return particle_filter.step if problem.method == "particle_filter" else belief_propagation.step
 
 
 def converged(reports: Sequence[IterationReport], problem: Problem) -> bool:
@@ -112,7 +121,7 @@ def converged(reports: Sequence[IterationReport], problem: Problem) -> bool:
     over = problem.search_iterations + settings.anneal_iterations + settings.refine_iterations
     needed = settings.converged_iterations
     recent = reports[-(needed + 1) :]
-    if len(recent) <= needed or recent[1].iteration <= over:
+    if len(recent) <= needed or recent[1].iteration - recent[1].search_after <= over:
         return False
     return all(
         motion(problem, before.map_poses, after.map_poses) <= settings.converged_motion

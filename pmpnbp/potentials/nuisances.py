@@ -56,6 +56,12 @@ def split(nuisances: Array, views: int) -> tuple[Array, Array, Array]:
     return nuisances[..., :views], offsets, nuisances[..., 7 * views :]
 
 
+def of_last_views(nuisances: Array, views: int, first: int) -> Array:
+    """Those of `views` views, (K,), for the views from number `first` on alone."""
+    scales, offsets, sizes = split(nuisances, views)
+    return np.concatenate([scales[first:], offsets[first:].ravel(), sizes])
+
+
 def apparent(
     nuisances: Array,
     view: int,

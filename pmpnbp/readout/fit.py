@@ -1,15 +1,14 @@
 """Is what should be seen there seen? A posterior says where the object is, given that it is there; this says whether.
 
-Where the object is rendered at the estimate, a pixel confirms it by the depth that it should have; what is behind
-denies it, and what is in front hides it. A surface that should end where the object does and goes on beyond it confirms
-nothing. What a wrong model finds in another object is told by what that object has besides: surfaces that touch the
-explained ones, and are explained by nothing, while some of the model would be hidden in it.
+What the scan confirms of the object at the estimate is counted in `inference/confirmation.py`. What a wrong model finds
+in another object is told by what that object has besides: surfaces that touch the explained ones, and are explained by
+nothing, while some of the model would be hidden in it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -17,9 +16,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.confirmation import confirmation
 from pmpnbp.inference.problem import Problem
-from pmpnbp.potentials.pixel_kinds import PixelKind, pixel_kinds
-from pmpnbp.potentials.unary import object_scores, renders
 from pmpnbp.scene.observation import OBJECT, View
 
 Verdict = Literal["good", "doubtful", "none"]
@@ -32,19 +30,12 @@ HIDDEN, PARTLY_HIDDEN, TOUCHING, MUCH_TOUCHING = 0.6, 0.08, 0.04, 0.25
 # Confirmed pixels, weighed as the score is, that are too few: a corner of anything is found by chance; and the same of
 # an object of which this share is hidden.
 FEW, HALF_HIDDEN, FEW_IF_HIDDEN = 60.0, 0.3, 150.0
-# A part is missed where less than this share of its pixels confirms it, of so many that can be seen, and of this share
-# of its own.
-MISSED, FEWEST_PIXELS, IN_SIGHT = 0.25, 20, 0.3
-# A part is denied where it is seen through in a larger share of its pixels that are in sight, of as many at least.
-DENIED = 0.15
 # Neighbouring pixels are of one surface where their depths differ by a smaller share.
 STEP = 0.015
 # Pixels about the outline that touch the object because of the image's grain.
 GRAIN = 2
 # A surface is the object's where it has this share of the confirmed pixels, and so many.
 OWN_SHARE, OWN_PIXELS = 0.02, 3
-# What covers the object without hiding it: it can be seen there, or through it.
-_IN_SIGHT = (PixelKind.EXPLAINED, PixelKind.ON_SUPPORT, PixelKind.SEEN_THROUGH, PixelKind.GOES_ON)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,34 +53,13 @@ class Fit:
 
 def assess(problem: Problem, root: Array, joints: Array) -> Fit:
     """The fit of a configuration (7,), (D,)."""
-    part_poses = problem.mrf.part_poses(root, joints)
-    tolerance = problem.tolerance_end
-    covered = hidden = confirmed = touching = 0
-    expected = 0.0
-    own = np.zeros((4, problem.mrf.nodes))  # pixels of each part: covered, in sight, confirmed, seen through
-    for view, _, depth, number in renders(problem.observation, problem.surfaces, part_poses, problem.nuisances):
-        kinds = pixel_kinds(view.depth, view.category, depth, tolerance)
-        in_sight = np.isin(kinds, _IN_SIGHT)
-        near = in_sight & (np.abs(view.depth - depth) < tolerance)
-        covered += int(np.count_nonzero(depth))
-        hidden += int(np.count_nonzero(kinds == PixelKind.IN_FRONT))
-        confirmed += int(np.count_nonzero(near))
-        expected += float(((depth / problem.unit_distance) ** 2)[in_sight].sum())
-        touching += _touching(view, depth > 0, near)
-        for row, chosen in enumerate((depth > 0, in_sight, near, kinds == PixelKind.SEEN_THROUGH)):
-            own[row] += np.bincount(number[chosen], minlength=problem.mrf.nodes)
-    scoring = replace(problem.score(tolerance), form="robust")
-    score = object_scores(problem.observation, problem.surfaces, part_poses[None], scoring, problem.nuisances)[0]
-    explained = float(np.clip(score / expected, 0.0, 1.0)) if expected > 0 else 0.0
-    names = [part.name for part in problem.mrf.model.parts]
-    seen = (own[1] >= FEWEST_PIXELS) & (own[1] >= IN_SIGHT * own[0])
-    missed = tuple(names[node] for node in np.flatnonzero(seen & (own[2] < MISSED * own[1])))
-    through = (own[1] >= FEWEST_PIXELS) & (own[3] > DENIED * own[1])
-    denied = tuple(names[node] for node in np.flatnonzero(through))
-    verdict, reason = _judged(explained, float(score), hidden / max(covered, 1), touching, confirmed, missed)
-    if verdict == "good" and denied:
-        reason = f"{reason}; much of {some_of(denied)} is seen through, so that it is elsewhere"
-    return Fit(verdict=verdict, reason=reason, explained=explained, missed=missed, denied=denied)
+    seen = confirmation(problem, root, joints)
+    touching = sum(_touching(*pixels) for pixels in seen.pixels)
+    hidden = seen.hidden / max(seen.covered, 1)
+    verdict, reason = _judged(seen.explained, seen.score, hidden, touching, seen.confirmed, seen.missed)
+    if verdict == "good" and seen.denied:
+        reason = f"{reason}; much of {some_of(seen.denied)} is seen through, so that it is elsewhere"
+    return Fit(verdict=verdict, reason=reason, explained=seen.explained, missed=seen.missed, denied=seen.denied)
 
 
 def some_of(names: Sequence[str]) -> str:

@@ -10,7 +10,7 @@ import pytest
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference import global_search, hypotheses, initialisation, problem, rivals, run
+from pmpnbp.inference import global_search, hypotheses, initialisation, problem, rivals, run, settling
 from pmpnbp.inference.belief import FLIP, OWN, SURFACE
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores
@@ -200,9 +200,9 @@ def test_finalists_go_on_once_for_each_place_and_not_where_hopeless(scene: Probl
         part_poses=scene.mrf.part_poses(roots, joints),
     )
     for most, expected in ((7, [6, 3]), (5, [6, 3]), (3, [6])):
-        going_on = global_search._promising(scene, tried, score, plan, most)
+        going_on = settling._promising(scene, tried, score, plan, most)
         np.testing.assert_array_equal(going_on.ancestor, expected)
-    gone_below = global_search._promising(scene, tried, score - 200.0, plan, 7)
+    gone_below = settling._promising(scene, tried, score - 200.0, plan, 7)
     np.testing.assert_array_equal(gone_below.ancestor, [6, 3])
 
 
@@ -211,7 +211,7 @@ def test_where_rivals_contest_each_other_what_looks_like_them_is_tried(
     scene: Problem, monkeypatch: pytest.MonkeyPatch, close: float
 ) -> None:
     """Of two wrong rivals, the truth turned by a quarter and by half, neither leads to it by small moves."""
-    monkeypatch.setattr(global_search, "CLOSE", close)
+    monkeypatch.setattr(settling, "CLOSE", close)
     middle, plan = ROOT[:3], replace(schedule(scene.settings, 4, 4), tolerance=0.024)
     turns = np.array([[1], [2]])
     roots = rivals.turned(np.tile(ROOT, (2, 1)), middle, np.tile(worlds.Z, (2, 1)), turns)
@@ -225,8 +225,8 @@ def test_where_rivals_contest_each_other_what_looks_like_them_is_tried(
         part_poses=scene.mrf.part_poses(roots, joints),
     )
     score = configuration_scores(scene, roots, joints, plan.tolerance)
-    found, reached = global_search._contested(
-        np.random.default_rng(0), scene, wrong, score, plan, global_search.SETTLE_UNINFORMED
+    found, reached = settling._contested(
+        np.random.default_rng(0), scene, wrong, score, plan, settling.SETTLE_UNINFORMED
     )
     np.testing.assert_array_equal(found.roots[:2], roots)
     np.testing.assert_array_equal(reached[:2], score)
@@ -234,7 +234,7 @@ def test_where_rivals_contest_each_other_what_looks_like_them_is_tried(
     truth = MODEL.part_poses(ROOT, JOINTS)
     assert errors_of(MODEL, found.part_poses[best], truth).max() < 0.01
     # what nothing contests is looked at twice, too, with less effort
-    assert len(reached) > 2 + global_search.UNCONTESTED if close else len(reached) == 2 + global_search.UNCONTESTED
+    assert len(reached) > 2 + settling.UNCONTESTED if close else len(reached) == 2 + settling.UNCONTESTED
 
 
 def test_a_searched_particle_says_where_it_came_from(searched: list[run.IterationReport]) -> None:

@@ -1,0 +1,137 @@
+"""Which of the search's hypotheses is the best, once each is in its best place? The last word of the search.
+
+Until here a good hypothesis a little out of place may have been worth less than a wrong one in its best place. So those
+that are left are polished, what looks like them and what has a joint elsewhere beside, and compared at a tight tolerance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.hypotheses import Hypotheses, distinct
+from pmpnbp.inference.joint_sweep import elsewhere, sweep
+from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.rivals import look_alikes
+from pmpnbp.inference.tree_estimate import polish
+from pmpnbp.settings import Schedule
+
+# The last comparison is made at this many times the tolerance that annealing ends at.
+FINAL_TOLERANCE = 2.0
+# Joints of the winner that may be put elsewhere after that.
+SWEEPS = 3
+# Finalists go on unless their score is worse than the best by a larger share; right ones were by a third at most.
+HOPELESS = 0.5
+# Rivals contest the best one where their score is worse by a smaller share.
+CLOSE = 0.15
+# What looks like a best one that nothing contests; for how many rounds that is polished, at so many times the last
+# tolerance and then at that.
+UNCONTESTED, UNCONTESTED_ROUNDS, LOOSE = 2, 4, 2.0
+
+
+@dataclass(frozen=True)
+class Settling:
+    """How much is spent on the last word of the search.
+
+    finalists : hypotheses that are polished for a round; mistaken : those of them that others of the same look are made
+    of; alike : how many of these are polished with them; stay : how many are left after it, and of these and as many
+    with a joint elsewhere after another round; rounds : that those are polished for then; rivals, last_rounds : the
+    distinct ones among them that are polished at the last tolerance, and for how long
+    """
+
+    finalists: int
+    mistaken: int
+    alike: int
+    stay: int
+    rounds: int
+    rivals: int
+    last_rounds: int
+
+
+# Without a prior places of the same look compete, which differ by little until they are exact; a prior leaves mostly
+# one.
+SETTLE_UNINFORMED = Settling(finalists=40, mistaken=6, alike=20, stay=16, rounds=2, rivals=6, last_rounds=8)
+SETTLE_INFORMED = Settling(finalists=20, mistaken=0, alike=0, stay=8, rounds=2, rivals=2, last_rounds=4)
+
+
+def settled(
+    rng: np.random.Generator, problem: Problem, finalists: Hypotheses, plan: Schedule, effort: Settling
+) -> tuple[Hypotheses, Array]:
+    """Finalists and what looks like them, polished, and their whole-object scores; `plan` is that of the iteration."""
+    finalists = finalists.taken(np.arange(min(effort.finalists, len(finalists.roots))))
+    if effort.mistaken:
+        first = finalists.taken(np.arange(min(effort.mistaken, len(finalists.roots))))
+        finalists = finalists.joined(look_alikes(rng, problem, first, plan, effort.alike))
+    finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, 1)
+    finalists = _promising(problem, finalists, score, plan, effort.stay)
+    finalists = finalists.joined(_with_a_joint_elsewhere(rng, problem, finalists, plan, effort.stay))
+    finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, 1)
+    finalists = _promising(problem, finalists, score, plan, effort.stay)
+    finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, effort.rounds)
+    rivals = _promising(problem, finalists, score, plan, effort.stay)
+    rivals = rivals.taken(np.arange(min(effort.rivals, len(rivals.roots))))
+    tight = tight_tolerance(problem)
+    rivals, score = _polished(rng, problem, rivals, plan, tight, effort.last_rounds)
+    if effort.mistaken:
+        rivals, score = _contested(rng, problem, rivals, score, replace(plan, tolerance=tight), effort)
+    best = int(score.argmax())
+    roots, joints, score = rivals.roots.copy(), rivals.joints.copy(), score.copy()
+    roots[best], joints[best], score[best] = sweep(rng, problem, roots[best], joints[best], plan, tight, SWEEPS)
+    return replace(rivals, roots=roots, joints=joints, part_poses=problem.mrf.part_poses(roots, joints)), score
+
+
+def _promising(problem: Problem, tried: Hypotheses, score: Array, plan: Schedule, most: int) -> Hypotheses:
+    """Of the `most` best of those tried, best first, one for each place they came to, and none far behind the best."""
+    order = np.argsort(-score, kind="stable")[:most]
+    order = order[score[order] >= score.max() - HOPELESS * abs(score.max())]
+    chosen, _ = distinct(problem, tried, order, len(order), plan.diffusion_position)
+    return tried.taken(chosen)
+
+
+def _contested(
+    rng: np.random.Generator, problem: Problem, rivals: Hypotheses, score: Array, plan: Schedule, effort: Settling
+) -> tuple[Hypotheses, Array]:
+    """Rivals and their scores (H,), and what looks like the best of them, polished as well: of two places that look the
+    same the right one may have been lost on the way. Where several places of the root come near the best, also what
+    looks like these, and these with a joint elsewhere, polished as long: none of them may be the right one."""
+    order = np.argsort(-score, kind="stable")
+    by_root = replace(rivals, unary=np.where(np.arange(problem.mrf.nodes) == 0, rivals.unary, 0.0))
+    apart, _ = distinct(problem, by_root, order, len(order), plan.diffusion_position)
+    close = apart[score[apart] >= score.max() - CLOSE * abs(score.max())]
+    near = rivals.taken(close)
+    if len(close) == 1:
+        others = look_alikes(rng, problem, near, plan, UNCONTESTED)
+        others, _ = _polished(rng, problem, others, plan, LOOSE * plan.tolerance, UNCONTESTED_ROUNDS)
+        others, reached = _polished(rng, problem, others, plan, plan.tolerance, UNCONTESTED_ROUNDS)
+        return rivals.joined(others), np.concatenate([score, reached])
+    others = look_alikes(rng, problem, near, plan, effort.rivals)
+    others = others.joined(_with_a_joint_elsewhere(rng, problem, near, plan, effort.rivals))
+    others, reached = _polished(rng, problem, others, plan, plan.tolerance, effort.last_rounds)
+    return rivals.joined(others), np.concatenate([score, reached])
+
+
+def _with_a_joint_elsewhere(
+    rng: np.random.Generator, problem: Problem, finalists: Hypotheses, plan: Schedule, most: int
+) -> Hypotheses:
+    """At most `most` of the finalists with one joint in the best of its other places, those with the best whole-object
+    scores: a part that hides behind another was put where it explains that one's pixels once more."""
+    joints, score = elsewhere(rng, problem, finalists.roots, finalists.joints, plan)
+    best = np.argsort(-score, axis=None, kind="stable")[: min(most, np.isfinite(score).sum())]
+    row, moved = np.unravel_index(best, score.shape)
+    others, chosen = finalists.taken(row), joints[row, moved]
+    return replace(others, joints=chosen, part_poses=problem.mrf.part_poses(others.roots, chosen))
+
+
+def tight_tolerance(problem: Problem) -> float:
+    """Metres: the tolerance of the search's last word."""
+    return FINAL_TOLERANCE * problem.tolerance_end
+
+
+def _polished(
+    rng: np.random.Generator, problem: Problem, tried: Hypotheses, plan: Schedule, tolerance: float, rounds: int
+) -> tuple[Hypotheses, Array]:
+    """Hypotheses moved to their best places at a tolerance, and their whole-object scores there."""
+    roots, joints, score = polish(rng, problem, tried.roots, tried.joints, plan, tolerance, rounds)
+    return replace(tried, roots=roots, joints=joints, part_poses=problem.mrf.part_poses(roots, joints)), score

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from pmpnbp.inference.arrival import Mode
 from pmpnbp.settings import Method, SessionOptions
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -130,9 +131,14 @@ class ChangeRequest(Body):
 
 
 class AddScanRequest(Body):
-    """A further view."""
+    """A scan that has just been taken."""
 
     scan_id: str = Field(description="id of the scan", max_length=64, examples=["0123456789abcdef"])
+    mode: Mode = Field(
+        "joins",
+        description="joins: another view of the same scene; replaces: the scene has moved on, and the scan counts "
+        "instead of all before it",
+    )
 
 
 class PositionBody(Body):
@@ -204,7 +210,9 @@ class Session(Progress):
     name: str | None = Field(description="what people call it")
     view_url: str = Field(description="path of its page", examples=["/sessions/0123456789abcdef/"])
     model_id: str | None = Field(description="id of the model; null where the document is damaged, and of a recording")
-    scan_ids: list[str] = Field(description="ids of the scans, those added later too; empty of a recording")
+    scan_ids: list[str] = Field(
+        description="ids of the scans in force, those added later too and not those replaced; empty of a recording"
+    )
     method: str | None = Field(description="how it infers")
     particles: int | None = Field(description="particles of each part")
     seed: int | None = Field(description="of its random numbers")

@@ -143,7 +143,7 @@ class ParticleReasons(Particle):
 
     session_id: str = Field(description="the session")
     iteration: int = Field(description="the iteration it is of")
-    stage: str = Field(description="start, search, belief propagation, refine or particle filter")
+    stage: str = Field(description="start, search, tracking, belief propagation, refine or particle filter")
     link: str = Field(description="the link that the pose is of")
     part: str = Field(description="the part it moves with")
     origin: str = Field(description="where it comes from, one sentence")

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field
 
 from app.schemas import Certain, FitOrNull, FitReason, NumberOrAxes, State
+from pmpnbp.inference.arrival import Mode
 
 Covariance = Annotated[
     list[float],
@@ -233,7 +234,7 @@ class TraceRow(BaseModel):
 
     event: int = Field(description="number of its event")
     iteration: int = Field(description="its number; 0 is the start")
-    stage: str = Field(description="start, search, belief propagation, refine or particle filter")
+    stage: str = Field(description="start, search, tracking, belief propagation, refine or particle filter")
     seconds: float = Field(description="wall time of the iteration")
     elapsed: float = Field(description="wall time of all so far, with reading them out, seconds")
     tolerance: float = Field(description="distance at which a pixel stops to be explained, metres")
@@ -258,8 +259,9 @@ class TraceChange(BaseModel):
     after_iteration: int = Field(description="iterations beyond this one are made with the change")
     config: dict[str, Any] | None = Field(None, description="settings by name, where some were changed")
     scan_id: str | None = Field(
-        None, description="id of the scan, where one was added; `view N` in an uploaded recording, which knows no ids"
+        None, description="id of the scan, where one came; `view N` in an uploaded recording, which knows no ids"
     )
+    mode: Mode | None = Field(None, description="of that scan: another view of the same scene, or of a changed one")
 
 
 class Trace(BaseModel):

@@ -173,14 +173,14 @@ class Settings:
         "share of what should be seen in a new view that it must confirm, else the search begins again; 0: never",
         paper=0.0,
         low=0,
-        high=1,
+        high=1.0,
     )
     moved_std_xyz: float = _setting(
         0.05, "m", "how far the object may have been moved along each axis where a scan replaces others", low=0
     )
     moved_std_rpy: float = _setting(0.15, "rad", "how far it may have been turned then", low=0)
     moved_joint_share: float = _setting(
-        0.5, "", "how far each joint may have been moved then, as a share of its range", low=0, high=1
+        0.5, "", "how far each joint may have been moved then, as a share of its range", low=0, high=1.0
     )
     refine_iterations: int = _setting(
         0, "iterations", "after annealing that score with the rasteriser instead of splats", paper=0, low=0, high=10_000

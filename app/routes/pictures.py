@@ -42,7 +42,7 @@ def get_estimate_picture(
     them, one colour each; where something stands in front of a part only a tint of it is drawn."""
     pictures: Pictures = request.app.state.pictures
     session, snapshot = read(request, session_id, iteration)
-    scan_name, scan = session.scan(view)
+    scan_name, scan = session.scan(view, iteration)
     # an event's number is never used again, while iterations count anew after a reset
     name = (session_id, snapshot.row["event"], scan_name, width)
     picture = pictures.kept(name)

@@ -115,13 +115,14 @@ def change_session(session: LiveSession, body: ChangeRequest) -> Any:
 @commands.post(
     "/scans",
     response_model=Session,
-    summary="Add a view",
+    summary="Give it another scan",
     responses=responses(507, status_404="The session or the scan is not here.", status_409="It has this scan already."),
 )
 def add_session_scan(session: LiveSession, body: AddScanRequest) -> Any:
-    """A further scan of the same scene in the same world frame, from the next iteration on; the belief carries on from
-    where it is."""
-    session.add_scan(body.scan_id).result()
+    """A scan in the same world frame, from the next iteration on: a further view of the same scene, or one that counts
+    instead of all before it, as the scene has changed. The belief carries on from where it is. Where the scan confirms
+    too little of it, the search begins again; the trace's `notes` say so."""
+    session.add_scan(body.scan_id, body.mode).result()
     return session.status()
 
 

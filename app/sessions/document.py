@@ -11,6 +11,7 @@ from typing import Any
 from app.problems import HttpProblem
 from app.store.store import Store
 from pmpnbp import recording
+from pmpnbp.inference.arrival import Arrival, present
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.snapshot import Criteria
 from pmpnbp.recording import Inputs
@@ -36,10 +37,15 @@ def present_config(document: Mapping[str, Any]) -> dict[str, Any]:
     return config
 
 
-def present_scans(document: Mapping[str, Any]) -> list[str]:
-    """Ids of all the scans."""
-    added = [change["scan_id"] for change in document.get("changes") or () if change.get("scan_id")]
-    return list(dict.fromkeys([*(document.get("scan_ids") or ()), *added]))
+def present_scans(document: Mapping[str, Any], iteration: int | None = None) -> tuple[list[str], Arrival | None]:
+    """Ids of the scans that an iteration was made with, or else the next one will be, and their arrival."""
+    came = [
+        (change["after_iteration"], change["scan_id"], change.get("mode", "joins"))
+        for change in document.get("changes") or ()
+        if change.get("scan_id")
+    ]
+    ids, arrival = present(list(dict.fromkeys(document.get("scan_ids") or ())), came, iteration)
+    return list(ids), arrival
 
 
 def settings_of(config: Mapping[str, Any]) -> Settings:
@@ -49,7 +55,7 @@ def settings_of(config: Mapping[str, Any]) -> Settings:
 
 def folded(document: Mapping[str, Any]) -> Document:
     """The document of a session that begins anew with what is now in force."""
-    return {**document, "config": present_config(document), "scan_ids": present_scans(document), "changes": []}
+    return {**document, "config": present_config(document), "scan_ids": present_scans(document)[0], "changes": []}
 
 
 def prepare(store: Store, document: Mapping[str, Any]) -> tuple[Problem, Inputs]:
@@ -57,15 +63,17 @@ def prepare(store: Store, document: Mapping[str, Any]) -> tuple[Problem, Inputs]
     if not document.get("model_id"):
         raise HttpProblem(409, "the session's document is damaged and does not tell what it was given; delete it")
     check_room(store)
+    scans, arrival = present_scans(document)
     return recording.prepare(
         store.file("models", document["model_id"]),
-        [store.load_scan(id) for id in present_scans(document)],
+        [store.load_scan(id) for id in scans],
         document.get("roi"),
         document.get("prior"),
         settings_of(present_config(document)),
         particles=document["particles"],
         seed=document["seed"],
         method=document["method"],
+        arrival=arrival,
     )
 
 

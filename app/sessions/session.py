@@ -28,6 +28,7 @@ from app.sessions.source import Source, no_view
 from app.sessions.worker import Worker
 from app.store.store import Store
 from pmpnbp.errors import DiskFullError, PmpnbpError, RecordingError
+from pmpnbp.inference.arrival import Mode
 from pmpnbp.inference.problem import Problem
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.snapshot import Snapshot
@@ -113,9 +114,9 @@ class Session(Source):
         """Other settings from the next iteration on. The future may raise SettingError, or HttpProblem 409."""
         return self._submit(partial(self._change, dict(config)))
 
-    def add_scan(self, scan_id: str) -> Future[None]:
-        """A further view from the next iteration on. The future may raise ScanError, or HttpProblem 404 or 409."""
-        return self._submit(partial(self._add_scan, scan_id))
+    def add_scan(self, scan_id: str, mode: Mode) -> Future[None]:
+        """Another scan from the next iteration on. The future may raise ScanError, or HttpProblem 404 or 409."""
+        return self._submit(partial(self._add_scan, scan_id, mode))
 
     def close(self) -> None:
         """Stop after the present iteration, keep everything, end the event streams. A second call does nothing."""
@@ -138,7 +139,7 @@ class Session(Source):
                 "view_url": f"/sessions/{self.id}/",
                 **self._progress(),
                 "model_id": document.get("model_id"),
-                "scan_ids": documents.present_scans(document),
+                "scan_ids": documents.present_scans(document)[0],
                 **shown,
                 "config": documents.present_config(document),
                 "created": document.get("created"),
@@ -154,10 +155,10 @@ class Session(Source):
         with self._lock:
             return list(self._document.get("changes") or ())
 
-    def scan(self, view: int) -> tuple[str, Scan]:
+    def scan(self, view: int, iteration: int | None = None) -> tuple[str, Scan]:
         """The id and the scan of a view. HttpProblem 404."""
         with self._lock:
-            scans = documents.present_scans(self._document)
+            scans, _ = documents.present_scans(self._document, iteration)
         if view >= len(scans):
             raise no_view(self, view, len(scans))
         return scans[view], self._store.load_scan(scans[view])
@@ -296,11 +297,11 @@ class Session(Source):
         settings = documents.settings_of(documents.fold(documents.present_config(self._document), config))
         self._apply({"config": config}, {"settings": settings})
 
-    def _add_scan(self, scan_id: str) -> None:
+    def _add_scan(self, scan_id: str, mode: Mode) -> None:
         self.archive.check()
-        if scan_id in documents.present_scans(self._document):
+        if scan_id in documents.present_scans(self._document)[0]:
             raise HttpProblem(409, f"scan '{scan_id}' is in session '{self.id}' already")
-        self._apply({"scan_id": scan_id}, {"scan": self._store.load_scan(scan_id)})
+        self._apply({"scan_id": scan_id, "mode": mode}, {"scan": self._store.load_scan(scan_id), "mode": mode})
 
     def _apply(self, entry: dict[str, Any], change: dict[str, Any]) -> None:
         """Make a change after the iteration just made, in document and recording; nothing of it where it fails."""

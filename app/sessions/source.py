@@ -45,11 +45,13 @@ class Source(ABC):
 
     @abstractmethod
     def changes(self) -> list[dict[str, Any]]:
-        """What was changed on the way, in order: `after_iteration`, and `config` (settings by name) or `scan_id`."""
+        """What was changed on the way, in order: `after_iteration`, and `config` (settings by name), or `scan_id` and
+        `mode`."""
 
     @abstractmethod
-    def scan(self, view: int) -> tuple[str, Scan]:
-        """The name and the scan of view `view`, counted from 0. HttpProblem 404 where there are fewer."""
+    def scan(self, view: int, iteration: int | None = None) -> tuple[str, Scan]:
+        """The name and the scan of view `view`, counted from 0, of those that an iteration was made with, or else the
+        next one will be. HttpProblem 404 where there are fewer."""
 
     @abstractmethod
     def close(self) -> None:

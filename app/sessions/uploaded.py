@@ -6,7 +6,7 @@ It knows no truth, for a recording keeps none, and takes the usual limit for wha
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,6 +16,7 @@ from app.sessions.events import Events
 from app.sessions.source import Source, no_view
 from app.sessions.trace_row import row_of
 from pmpnbp.errors import PmpnbpError
+from pmpnbp.inference.arrival import Mode, present
 from pmpnbp.json_text import without_nan
 from pmpnbp.readout.result import pose_members
 from pmpnbp.readout.snapshot import Criteria
@@ -37,13 +38,18 @@ class UploadedRecording(Source):
         archive = IterationArchive(path, f"recording '{id}'", remedy="delete", foreign_row=row_of)
         self._inputs: Inputs | None = None
         self._changes: list[dict[str, Any]] = []
+        self._came: list[tuple[int, tuple[str, Scan], Mode]] = []
         try:
             changes = archive.open(Criteria(max_std=SessionOptions.max_std))
             reached = max([archive.iteration, *(change.after_iteration + 1 for change in changes)])
             with Recording(path) as recording, TemporaryDirectory(prefix="recording-") as folder:
-                self._inputs = recording.restored_inputs(Path(folder), reached)
-                views = len(self._inputs.scans) - sum(change.scan is not None for change in changes)
+                self._inputs = replace(recording.restored_inputs(Path(folder), 0), settings=recording.settings(reached))
+                views = len(self._inputs.scans)
                 self._changes = _changes_as_a_session_has_them(changes, recording.settings(0), views)
+            for change in changes:
+                if change.scan is not None:
+                    name = f"{id}/{views + len(self._came)}"
+                    self._came.append((change.after_iteration, (name, change.scan), change.mode))
         except (PmpnbpError, OSError, ValueError) as error:
             archive.damage = str(error)
         first = event_of(archive.iteration) + 1
@@ -87,16 +93,18 @@ class UploadedRecording(Source):
         }
 
     def changes(self) -> list[dict[str, Any]]:
-        """What was changed on the way; further scans have no ids here, but are named by their views."""
+        """What was changed on the way; scans have no ids here, but are named by the order that they came in."""
         return list(self._changes)
 
-    def scan(self, view: int) -> tuple[str, Scan]:
+    def scan(self, view: int, iteration: int | None = None) -> tuple[str, Scan]:
         """A view's scan, and a name that nothing else has. HttpProblem 404."""
         self.archive.check()
-        scans = () if self._inputs is None else self._inputs.scans
+        first = () if self._inputs is None else self._inputs.scans
+        named = [(f"{self.id}/{number}", scan) for number, scan in enumerate(first)]
+        scans, _ = present(named, self._came, iteration)
         if view >= len(scans):
             raise no_view(self, view, len(scans))
-        return f"{self.id}/{view}", scans[view]
+        return scans[view]
 
     def close(self) -> None:
         """End the event streams."""
@@ -122,7 +130,8 @@ def _changes_as_a_session_has_them(changes: Sequence[Change], began: Settings, v
             found.append({"after_iteration": change.after_iteration, "config": config})
             settings = new
         if change.scan is not None:
-            found.append({"after_iteration": change.after_iteration, "scan_id": f"view {views}"})
+            name = f"view {views}"
+            found.append({"after_iteration": change.after_iteration, "scan_id": name, "mode": change.mode})
             views += 1
     return found
 

@@ -54,7 +54,7 @@ class Painter:
         self._painting = threading.Lock()
         self._drawing: Drawing | None = None
         self._stages: LRUCache[object, tuple[Problem, Stage]] = LRUCache(STAGES)
-        self._scans: dict[tuple[str, int], ScanPoints] = {}
+        self._scans: dict[str, ScanPoints] = {}
         self._targets: Targets | None = None
         self._drawn_key: object = None
         self._theme: str | None = None
@@ -123,18 +123,16 @@ class Painter:
         snapshot = self._read(self._source, state.iteration)
         other = None if state.compare is None else self._find(state.compare.session_id)
         compared = None if other is None or state.compare is None else self._read(other, state.compare.iteration)
-        scans = self._scan_count(snapshot)
         key = (
             snapshot.row["event"],
             snapshot.iteration,
-            scans,
             None if compared is None else compared.row["event"],
             state.model_copy(update={"camera": None, "hidden": False}),
         )
         self._apply_theme(state)
         if key == self._drawn_key:
             return False
-        own = self._stage(self._source, snapshot, scans)
+        own = self._stage(self._source, snapshot, len(snapshot.problem.observation.views))
         against = None if compared is None or other is None else (compared, self._stage(other, compared, 0))
         scene = frame(snapshot, state, own, compared=against, next_views=planned(snapshot, state))
         self._begin(own)
@@ -153,26 +151,19 @@ class Painter:
             return newest
         return source.archive.read(iteration)
 
-    def _scan_count(self, snapshot: Snapshot) -> int:
-        """How many scans the iteration was made with."""
-        later = [
-            one for one in self._source.changes() if "scan_id" in one and one["after_iteration"] >= snapshot.iteration
-        ]
-        return max(len(self._source.status()["scan_ids"]) - len(later), 1)
-
     def _stage(self, source: Source, snapshot: Snapshot, scans: int) -> Stage:
         problem = snapshot.problem
         key = (source.id, id(problem), scans)
         if key not in self._stages:
-            own = stage(problem, tuple(self._scan(source, view) for view in range(scans)))
+            own = stage(problem, tuple(self._scan(source, view, snapshot.iteration) for view in range(scans)))
             self._stages[key] = problem, own  # with the problem, so that no other one can have its id
         return self._stages[key][1]
 
-    def _scan(self, source: Source, view: int) -> ScanPoints:
-        key = (source.id, view)
-        if key not in self._scans:
-            self._scans[key] = scan_points(source.scan(view)[1])
-        return self._scans[key]
+    def _scan(self, source: Source, view: int, iteration: int) -> ScanPoints:
+        name, scan = source.scan(view, iteration)
+        if name not in self._scans:
+            self._scans[name] = scan_points(scan)
+        return self._scans[name]
 
     # viser
 

@@ -1,5 +1,5 @@
-"""Which scans is an iteration made with? Those at the beginning, and those that came: each joins the others, as a further
-view of the same scene, or replaces them all, as the scene has moved on.
+"""Which scans is an iteration made with? Those at the beginning, and those that came: each joins the others, as a
+further view of the same scene, or replaces them all, as the scene has moved on.
 """
 
 from __future__ import annotations

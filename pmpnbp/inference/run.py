@@ -94,9 +94,9 @@ def begin(problem: Problem) -> tuple[State, IterationReport]:
 
 
 def advance(state: State, problem: Problem) -> tuple[State, IterationReport]:
-    """The next iteration: what a scan that has just come asks for, else of the search, then of the problem's method. Its
-    random numbers depend on the seed and its number alone, so that any iteration can be done again from its recorded
-    state."""
+    """The next iteration: what a scan that has just come asks for, else of the search, then of the problem's method.
+    Its random numbers depend on the seed and its number alone, so that any iteration can be done again from its
+    recorded state."""
     rng = np.random.default_rng([problem.seed, state.iteration + 1])
     state, report, notes = tracking.received(rng, state, problem)
     if report is None:

@@ -1,7 +1,8 @@
 """Which of the search's hypotheses is the best, once each is in its best place? The last word of the search.
 
 Until here a good hypothesis a little out of place may have been worth less than a wrong one in its best place. So those
-that are left are polished, what looks like them and what has a joint elsewhere beside, and compared at a tight tolerance.
+that are left are polished, what looks like them and what has a joint elsewhere beside, and compared at a tight
+tolerance.
 """
 
 from __future__ import annotations

@@ -3,8 +3,9 @@
 A further view of the same scene is asked first what it confirms of the estimate. Where it confirms enough, nothing else
 happens. Where it does not, and always where the scene has moved on, places near the estimate and its rivals are tried
 in one iteration as the search tries its hypotheses: as near as the belief is wide, or with the process noise of the
-settings. The best of them is asked the same; where the new views confirm too little of that one too, the search begins
-again, with what was tried among its hypotheses.
+settings. The best of them is asked the same, and more strictly, as the best of many places is confirmed in part by
+chance; where the new views confirm too little of that one too, the search begins again, with what was tried among its
+hypotheses.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from dataclasses import replace
 import numpy as np
 
 from pmpnbp.geometry import poses
-from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import global_search, initialisation
 from pmpnbp.inference.belief import OWN, IterationReport, State
 from pmpnbp.inference.confirmation import Confirmation, by_last_views, confirmation
@@ -34,7 +34,7 @@ FEWEST = 60.0
 # Share of the tried places that are about the estimate; the rest are about its rivals.
 ABOUT_ESTIMATE = 0.5
 
-# What is left to be said, and either the iteration that was made instead of the next one or the state to make that from.
+# The state after the views; the iteration that they asked for, or None where the next one is still to be made; remarks.
 Outcome = tuple[State, IterationReport | None, tuple[str, ...]]
 
 
@@ -50,15 +50,21 @@ def received(rng: np.random.Generator, state: State, problem: Problem) -> Outcom
             return state, None, ()
         return replace(state, search_after=state.iteration), None, ("the scene has changed; the search begins again",)
     state = _with_estimate(state, problem)
-    before = _seen(problem, state)
-    if not arrival.replaces and _agrees(before, problem):
-        return state, None, ()
+    least = problem.settings.view_explained
+    if not arrival.replaces:
+        before = _seen(problem, state)
+        # a view that the object is hardly in says nothing
+        if before.expected < FEWEST or _confirms(before, least):
+            return state, None, ()
     tracked, report = _tracked(rng, state, problem)
     after = _seen(problem, tracked)
-    if _agrees(after, problem):
-        found = f"from where it was it is found again: {_share(after)}"
-        said = "the scene has changed" if arrival.replaces else f"{_views(problem)} contradicts the estimate"
-        return tracked, report, (f"{said}; {found}",)
+    if least == 0 or (after.expected >= FEWEST and _confirms(after, max(least, problem.settings.search_explained))):
+        said = (
+            "the scene has changed; near where it was"
+            if arrival.replaces
+            else f"{_views(problem)} contradicts the estimate, but not the belief: near it"
+        )
+        return tracked, report, (f"{said} {_share(after)}",)
     said = "the scene has changed, and the new scan" if arrival.replaces else _views(problem)
     begins = "the search begins again" if problem.search_iterations else "the inference begins again"
     belief = tracked.belief if problem.search_iterations else initialisation.start(rng, problem).belief
@@ -82,15 +88,14 @@ def _seen(problem: Problem, state: State) -> Confirmation:
     return confirmation(by_last_views(problem.taking(state.nuisances), problem.arrival.first), state.root, state.joints)
 
 
-def _agrees(seen: Confirmation, problem: Problem) -> bool:
-    """Whether nothing speaks against a place: too little of it is in sight, or enough of that is confirmed."""
-    least = problem.settings.view_explained
-    return least == 0 or seen.expected < FEWEST or (seen.explained >= least and not seen.missed)
+def _confirms(seen: Confirmation, least: float) -> bool:
+    """Whether at least that share is confirmed, and something of every part that can be seen; 0: always."""
+    return least == 0 or (seen.explained >= least and not seen.missed)
 
 
 def _share(seen: Confirmation) -> str:
     share = f"{100 * seen.explained:.0f} % of what should be seen is confirmed"
-    return f"{share}, but not {_some_of(seen.missed)}" if seen.missed else share
+    return f"{share}, but not {_some_of(seen.missed)}" if seen.missed and round(100 * seen.explained) else share
 
 
 def _some_of(names: Sequence[str]) -> str:

@@ -46,6 +46,8 @@ def to_arrays(report: IterationReport, state: State) -> Arrays:
     for name in ("root", "joints", "nuisances"):
         if getattr(state, name) is not None:
             found[f"state.{name}"] = getattr(state, name)
+    if report.search_after:
+        found["search_after"] = np.array(report.search_after)
     if report.messages is not None:
         for name, values in implied(found).items():
             if _same(found.get(name), values):
@@ -88,6 +90,7 @@ def to_report(number: int, scalars: Mapping[str, Any], arrays: Arrays) -> Iterat
         tolerance=scalars["tolerance"],
         seconds=scalars["seconds"],
         notes=tuple(scalars["notes"]),
+        search_after=_search_after(found),
         **own,
     )
 
@@ -103,7 +106,12 @@ def to_state(number: int, arrays: Arrays) -> State:
         joints=found.get("state.joints"),
         nuisances=found.get("state.nuisances"),
         rivals=found.get("rivals"),
+        search_after=_search_after(found),
     )
+
+
+def _search_after(found: Arrays) -> int:
+    return int(found.get("search_after", np.array(0)))
 
 
 def _completed(arrays: Arrays) -> Arrays:

@@ -1,4 +1,4 @@
-"""What became different in the course of an inference? Settings and further scans, each from some iteration on.
+"""What became different in the course of an inference? Settings and scans, each from some iteration on.
 
 A change belongs to the iteration it was made after: iteration k is made with all changes whose `after_iteration` is
 below k, so that any iteration can be done again with what it was done with.
@@ -9,7 +9,9 @@ from __future__ import annotations
 import json
 import sqlite3
 from dataclasses import asdict, dataclass
+from typing import Any
 
+from pmpnbp.inference.arrival import MODES, Mode
 from pmpnbp.recording.scans import scans, store_scan
 from pmpnbp.recording.schema import VERSION
 from pmpnbp.scene.observation import Scan
@@ -18,8 +20,9 @@ from pmpnbp.settings import Settings, changed, preset
 
 @dataclass(frozen=True)
 class Change:
-    """From iteration `after_iteration` + 1 on: other `settings` (all of them), or a further `scan`, or both.
+    """From iteration `after_iteration` + 1 on: other `settings` (all of them), or another `scan`, or both.
 
+    mode : whether the scan joins those there are or replaces them
     note : what the program that made the change wants to find again; nothing here reads it
     """
 
@@ -27,6 +30,11 @@ class Change:
     settings: Settings | None = None
     scan: Scan | None = None
     note: str = ""
+    mode: Mode = "joins"
+
+    def __post_init__(self) -> None:
+        if self.mode not in MODES:
+            raise ValueError(f"a scan's mode is {self.mode!r}; expected {' or '.join(MODES)}")
 
 
 def store_change(connection: sqlite3.Connection, change: Change) -> None:
@@ -34,18 +42,15 @@ def store_change(connection: sqlite3.Connection, change: Change) -> None:
     number = None if change.scan is None else store_scan(connection, change.scan)
     settings = None if change.settings is None else json.dumps(asdict(change.settings))
     connection.execute(
-        "INSERT INTO changes (after_iteration, settings, scan, note) VALUES (?, ?, ?, ?)",
-        (change.after_iteration, settings, number, change.note),
+        "INSERT INTO changes (after_iteration, settings, scan, note, mode) VALUES (?, ?, ?, ?, ?)",
+        (change.after_iteration, settings, number, change.note, change.mode),
     )
 
 
 def changes(connection: sqlite3.Connection, iteration: int | None = None) -> list[Change]:
     """The changes that iteration `iteration` was made with, in order; without it all there are."""
-    if connection.execute("PRAGMA user_version").fetchone()[0] < VERSION:
-        return []  # format 1 knew none
-    query = "SELECT after_iteration, settings, scan, note FROM changes ORDER BY number"
-    rows = [row for row in connection.execute(query) if iteration is None or row[0] < iteration]
-    numbers = [number for _, _, number, _ in rows if number is not None]
+    rows = [row for row in change_rows(connection) if iteration is None or row[1] < iteration]
+    numbers = [row[3] for row in rows if row[3] is not None]
     # not more than these: further ones may be damaged
     there = scans(connection, max(numbers) + 1) if numbers else ()
     return [
@@ -54,9 +59,17 @@ def changes(connection: sqlite3.Connection, iteration: int | None = None) -> lis
             None if settings is None else changed(preset("robust"), json.loads(settings)),
             None if number is None else there[number],
             note,
+            mode,
         )
-        for after, settings, number, note in rows
+        for _, after, settings, number, note, mode in rows
     ]
+
+
+def change_rows(connection: sqlite3.Connection) -> list[tuple[Any, ...]]:
+    """The rows of the table `changes`, in order; those that are older than modes join."""
+    if connection.execute("PRAGMA user_version").fetchone()[0] < VERSION:
+        return []  # format 1 knew none
+    return [(*row, "joins")[:6] for row in connection.execute("SELECT * FROM changes ORDER BY number")]
 
 
 def changed_after(connection: sqlite3.Connection) -> list[int]:

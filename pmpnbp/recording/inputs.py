@@ -18,6 +18,7 @@ import numpy as np
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problem_module
+from pmpnbp.inference.arrival import Arrival, present
 from pmpnbp.inference.problem import Problem
 from pmpnbp.recording.changes import changes, first_scans
 from pmpnbp.recording.scans import store_scan
@@ -33,8 +34,8 @@ from pmpnbp.version import version
 
 @dataclass(frozen=True)
 class Inputs:
-    """model : the URDF or zip that was loaded; roi : (6,), metres, world, or None; the rest as `problem.build`
-    takes it."""
+    """model : the URDF or zip that was loaded; roi : (6,), metres, world, or None; arrival : that of the scans; the
+    rest as `problem.build` takes it."""
 
     model: Path
     scans: tuple[Scan, ...]
@@ -44,6 +45,7 @@ class Inputs:
     particles: int
     seed: int
     method: str = SessionOptions.method
+    arrival: Arrival | None = None
 
     def problem(self, model: ArticulatedObject | None = None) -> Problem:
         """The problem these make; `model` is what is in their file, where it is read already. Raises PmpnbpError where
@@ -51,7 +53,14 @@ class Inputs:
         model = model or load_model(self.model, triangle_budget=self.settings.triangles)
         observation = observe(self.scans, self.roi, width=self.settings.image_width)
         return problem_module.build(
-            model, observation, self.prior, self.settings, particles=self.particles, seed=self.seed, method=self.method
+            model,
+            observation,
+            self.prior,
+            self.settings,
+            particles=self.particles,
+            seed=self.seed,
+            method=self.method,
+            arrival=self.arrival,
         )
 
 
@@ -65,17 +74,19 @@ def prepare(
     particles: int,
     seed: int,
     method: str = SessionOptions.method,
+    arrival: Arrival | None = None,
 ) -> tuple[Problem, Inputs]:
     """The problem, and the inputs that a recording keeps of it: the same input and seed give the same numbers, whoever
     asks.
 
     model : a URDF or zip; roi : x0 y0 z0 x1 y1 z1, metres, world, or None; prior : prior.json, its members, or None
-    for upright anywhere; method : one of `settings.METHODS`. Raises PmpnbpError for what does not fit together.
+    for upright anywhere; method : one of `settings.METHODS`; arrival : that of the newest scans, where they came later.
+    Raises PmpnbpError for what does not fit together.
     """
     found = load_model(model, triangle_budget=settings.triangles)
     known = UniformPrior("upright") if prior is None else load_prior(prior, found)
     box = None if roi is None else np.array(roi, dtype=np.float64)
-    inputs = Inputs(model, tuple(scans), box, known, settings, particles, seed, method)
+    inputs = Inputs(model, tuple(scans), box, known, settings, particles, seed, method, arrival)
     return inputs.problem(found), inputs
 
 
@@ -120,10 +131,11 @@ def restored_inputs(connection: sqlite3.Connection, folder: Path, iteration: int
         value(connection, "seed"),
         value(connection, "method"),
     )
-    for change in changes(connection, iteration):
-        scans = found.scans if change.scan is None else (*found.scans, change.scan)
-        found = replace(found, scans=scans, settings=change.settings or found.settings)
-    return found
+    changed_then = changes(connection, iteration)
+    came = [(one.after_iteration, one.scan, one.mode) for one in changed_then if one.scan is not None]
+    scans, arrival = present(found.scans, came)
+    settings = [one.settings for one in changed_then if one.settings is not None]
+    return replace(found, scans=scans, arrival=arrival, settings=settings[-1] if settings else found.settings)
 
 
 def first_settings(connection: sqlite3.Connection) -> Settings:

@@ -77,7 +77,7 @@ class Recording:
             return {name: json.loads(value) for name, value in rows}
 
     def changes(self, iteration: int | None = None) -> list[Change]:
-        """Other settings and further scans that an iteration was made with, in order; without it all there are."""
+        """Other settings and scans that an iteration was made with, in order; without it all there are."""
         with self._reading("its changes"):
             return changes(self.connection, iteration)
 

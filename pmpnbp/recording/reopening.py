@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pmpnbp.errors import RecordingError
+from pmpnbp.recording.changes import change_rows
 from pmpnbp.recording.reader import Recording
 from pmpnbp.recording.schema import ADDED_TABLES, APPLICATION_ID, TABLES, VERSION
 
@@ -96,8 +97,8 @@ def _copy(recording: Recording, copy: Path, whole: int) -> int:
     source = recording.connection
     older = source.execute("PRAGMA user_version").fetchone()[0] < VERSION
     scans = _readable(source, "SELECT * FROM scans ORDER BY number")
-    changes = [] if older else source.execute("SELECT * FROM changes ORDER BY number").fetchall()
-    for place, (_, after, _, scan, _) in enumerate(changes):
+    changes = change_rows(source)
+    for place, (_, after, _, scan, *_) in enumerate(changes):
         if scan is not None and scan >= len(scans):
             changes, whole = changes[:place], min(whole, after)
             break

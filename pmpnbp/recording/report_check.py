@@ -44,6 +44,7 @@ def _fits(problem: Problem, report: IterationReport) -> bool:
         report.map_joints is None or are_numbers(report.map_joints, (dof,)),
         report.nuisances is None or _small(report.nuisances, problem.nuisance_std.shape),
         report.rivals is None or _rivals(report.rivals, dof),
+        0 <= report.search_after <= report.iteration,
     ]
     if not all(sound):
         return False

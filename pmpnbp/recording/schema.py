@@ -9,7 +9,7 @@
 | `arrays` | the arrays of an iteration, by the names of `Belief`, `Messages`, `IterationReport` and `State`; and of the
 posterior that was read out from it, which stay when the others are thinned out |
 | `summaries` | what the program that records has to say of an iteration, in its own words; stays as its row does |
-| `changes` | other settings (JSON) or a further scan (its number), and the iteration they came after |
+| `changes` | other settings (JSON) or another scan (its number), its mode, and the iteration they came after |
 | `notes` | what the writer has to say, such as that it thinned out iterations |
 """
 
@@ -42,8 +42,10 @@ CREATE TABLE notes (number INTEGER PRIMARY KEY, text TEXT NOT NULL);
 ADDED_TABLES = """
 CREATE TABLE summaries (iteration INTEGER PRIMARY KEY, text TEXT NOT NULL);
 CREATE TABLE changes (number INTEGER PRIMARY KEY, after_iteration INTEGER NOT NULL, settings TEXT, scan INTEGER,
-    note TEXT NOT NULL);
+    note TEXT NOT NULL, mode TEXT NOT NULL DEFAULT 'joins');
 """
+# Recordings of format 2 that are older than modes have none: their scans join.
+ADDED_MODE = "ALTER TABLE changes ADD COLUMN mode TEXT NOT NULL DEFAULT 'joins'"
 
 # What the names of a posterior's arrays begin with, and a condition that those of the iteration itself fulfil.
 PREFIX = "posterior."

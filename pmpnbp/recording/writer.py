@@ -25,7 +25,7 @@ from pmpnbp.recording.arrays import Arrays, to_arrays
 from pmpnbp.recording.changes import Change, store_change
 from pmpnbp.recording.inputs import Inputs
 from pmpnbp.recording.posteriors import posterior_arrays
-from pmpnbp.recording.schema import ADDED_TABLES, APPLICATION_ID, TABLES, VERSION, pack
+from pmpnbp.recording.schema import ADDED_MODE, ADDED_TABLES, APPLICATION_ID, TABLES, VERSION, pack
 from pmpnbp.recording.thinning import Thinning
 from pmpnbp.scene.articulated_object import ArticulatedObject
 
@@ -117,7 +117,7 @@ class RecordingWriter:
         self._queue.put(posterior)
 
     def change(self, change: Change) -> None:
-        """Record that later iterations are made with other settings or a further scan. Returns at once."""
+        """Record that later iterations are made with other settings or another scan. Returns at once."""
         self._raise_failure()
         self._queue.put(change)
 
@@ -154,6 +154,8 @@ class RecordingWriter:
                 run(statement)
             run(f"PRAGMA user_version = {VERSION}")
             run("COMMIT")
+        elif "mode" not in [column[1] for column in run("PRAGMA table_info(changes)")]:
+            run(ADDED_MODE)
 
     def _write_all(self) -> None:
         try:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from pmpnbp.inference.arrival import Mode
+from pmpnbp.inference.arrival import ScanMode
 from pmpnbp.settings import Method, SessionOptions
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -134,7 +134,7 @@ class AddScanRequest(Body):
     """A scan that has just been taken."""
 
     scan_id: str = Field(description="id of the scan", max_length=64, examples=["0123456789abcdef"])
-    mode: Mode = Field(
+    mode: ScanMode = Field(
         "joins",
         description="joins: another view of the same scene; replaces: the scene has moved on, and the scan counts "
         "instead of all before it",

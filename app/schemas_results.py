@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field
 
 from app.schemas import Certain, FitOrNull, FitReason, NumberOrAxes, State
-from pmpnbp.inference.arrival import Mode
+from pmpnbp.inference.arrival import ScanMode
 
 Covariance = Annotated[
     list[float],
@@ -261,7 +261,7 @@ class TraceChange(BaseModel):
     scan_id: str | None = Field(
         None, description="id of the scan, where one came; `view N` in an uploaded recording, which knows no ids"
     )
-    mode: Mode | None = Field(None, description="of that scan: another view of the same scene, or of a changed one")
+    mode: ScanMode | None = Field(None, description="of that scan: another view of the same scene, or of a changed one")
 
 
 class Trace(BaseModel):

@@ -28,7 +28,7 @@ from app.sessions.source import Source, no_view
 from app.sessions.worker import Worker
 from app.store.store import Store
 from pmpnbp.errors import DiskFullError, PmpnbpError, RecordingError
-from pmpnbp.inference.arrival import Mode
+from pmpnbp.inference.arrival import ScanMode
 from pmpnbp.inference.problem import Problem
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.snapshot import Snapshot
@@ -114,7 +114,7 @@ class Session(Source):
         """Other settings from the next iteration on. The future may raise SettingError, or HttpProblem 409."""
         return self._submit(partial(self._change, dict(config)))
 
-    def add_scan(self, scan_id: str, mode: Mode) -> Future[None]:
+    def add_scan(self, scan_id: str, mode: ScanMode) -> Future[None]:
         """Another scan from the next iteration on. The future may raise ScanError, or HttpProblem 404 or 409."""
         return self._submit(partial(self._add_scan, scan_id, mode))
 
@@ -297,7 +297,7 @@ class Session(Source):
         settings = documents.settings_of(documents.fold(documents.present_config(self._document), config))
         self._apply({"config": config}, {"settings": settings})
 
-    def _add_scan(self, scan_id: str, mode: Mode) -> None:
+    def _add_scan(self, scan_id: str, mode: ScanMode) -> None:
         self.archive.check()
         if scan_id in documents.present_scans(self._document)[0]:
             raise HttpProblem(409, f"scan '{scan_id}' is in session '{self.id}' already")

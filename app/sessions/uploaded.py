@@ -16,7 +16,7 @@ from app.sessions.events import Events
 from app.sessions.source import Source, no_view
 from app.sessions.trace_row import row_of
 from pmpnbp.errors import PmpnbpError
-from pmpnbp.inference.arrival import Mode, present
+from pmpnbp.inference.arrival import ScanMode, present
 from pmpnbp.json_text import without_nan
 from pmpnbp.readout.result import pose_members
 from pmpnbp.readout.snapshot import Criteria
@@ -38,7 +38,7 @@ class UploadedRecording(Source):
         archive = IterationArchive(path, f"recording '{id}'", remedy="delete", foreign_row=row_of)
         self._inputs: Inputs | None = None
         self._changes: list[dict[str, Any]] = []
-        self._came: list[tuple[int, tuple[str, Scan], Mode]] = []
+        self._came: list[tuple[int, tuple[str, Scan], ScanMode]] = []
         try:
             changes = archive.open(Criteria(max_std=SessionOptions.max_std))
             reached = max([archive.iteration, *(change.after_iteration + 1 for change in changes)])

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeVar, get_args
 
-Mode = Literal["joins", "replaces"]
-MODES: tuple[str, ...] = get_args(Mode)
+ScanMode = Literal["joins", "replaces"]
+SCAN_MODES: tuple[str, ...] = get_args(ScanMode)
 
 Kind = TypeVar("Kind")
 
@@ -34,7 +34,7 @@ class Arrival:
 
 
 def present(
-    began: Sequence[Kind], came: Iterable[tuple[int, Kind, Mode]], iteration: int | None = None
+    began: Sequence[Kind], came: Iterable[tuple[int, Kind, ScanMode]], iteration: int | None = None
 ) -> tuple[tuple[Kind, ...], Arrival | None]:
     """The scans that iteration `iteration` is made with, or else the next one, and their arrival; None where none came.
 

@@ -95,7 +95,7 @@ def _confirms(seen: Confirmation, least: float) -> bool:
 
 def _share(seen: Confirmation) -> str:
     share = f"{100 * seen.explained:.0f} % of what should be seen is confirmed"
-    return f"{share}, but not {_some_of(seen.missed)}" if seen.missed and round(100 * seen.explained) else share
+    return f"{share}, but not {_some_of(seen.missed)}" if seen.missed and seen.explained > 0 else share
 
 
 def _some_of(names: Sequence[str]) -> str:

@@ -11,7 +11,7 @@ import sqlite3
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from pmpnbp.inference.arrival import MODES, Mode
+from pmpnbp.inference.arrival import SCAN_MODES, ScanMode
 from pmpnbp.recording.scans import scans, store_scan
 from pmpnbp.recording.schema import VERSION
 from pmpnbp.scene.observation import Scan
@@ -30,11 +30,11 @@ class Change:
     settings: Settings | None = None
     scan: Scan | None = None
     note: str = ""
-    mode: Mode = "joins"
+    mode: ScanMode = "joins"
 
     def __post_init__(self) -> None:
-        if self.mode not in MODES:
-            raise ValueError(f"a scan's mode is {self.mode!r}; expected {' or '.join(MODES)}")
+        if self.mode not in SCAN_MODES:
+            raise ValueError(f"a scan's mode is {self.mode!r}; expected {' or '.join(SCAN_MODES)}")
 
 
 def store_change(connection: sqlite3.Connection, change: Change) -> None:
@@ -69,7 +69,10 @@ def change_rows(connection: sqlite3.Connection) -> list[tuple[Any, ...]]:
     """The rows of the table `changes`, in order; those that are older than modes join."""
     if connection.execute("PRAGMA user_version").fetchone()[0] < VERSION:
         return []  # format 1 knew none
-    return [(*row, "joins")[:6] for row in connection.execute("SELECT * FROM changes ORDER BY number")]
+    return [
+        (*row[:5], (*row[5:], None)[0] or "joins")
+        for row in connection.execute("SELECT * FROM changes ORDER BY number")
+    ]
 
 
 def changed_after(connection: sqlite3.Connection) -> list[int]:

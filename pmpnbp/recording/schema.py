@@ -42,10 +42,10 @@ CREATE TABLE notes (number INTEGER PRIMARY KEY, text TEXT NOT NULL);
 ADDED_TABLES = """
 CREATE TABLE summaries (iteration INTEGER PRIMARY KEY, text TEXT NOT NULL);
 CREATE TABLE changes (number INTEGER PRIMARY KEY, after_iteration INTEGER NOT NULL, settings TEXT, scan INTEGER,
-    note TEXT NOT NULL, mode TEXT NOT NULL DEFAULT 'joins');
+    note TEXT NOT NULL, mode TEXT);
 """
-# Recordings of format 2 that are older than modes have none: their scans join.
-ADDED_MODE = "ALTER TABLE changes ADD COLUMN mode TEXT NOT NULL DEFAULT 'joins'"
+# In recordings of format 2 that are older than modes: their scans join.
+ADDED_MODE = "ALTER TABLE changes ADD COLUMN mode TEXT"
 
 # What the names of a posterior's arrays begin with, and a condition that those of the iteration itself fulfil.
 PREFIX = "posterior."

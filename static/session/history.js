@@ -172,7 +172,7 @@ function refreshChanges() {
       ]);
       // how far it has come is told by the events alone: this answer may be older than the newest of them
       Object.assign(state.session, { config, scan_ids });
-      state.graph.views = Math.max(state.graph.views, scan_ids.length);
+      if (scan_ids.length) state.graph.views = scan_ids.length; // a recording has no ids
       notify("session");
       update({ changes: changes ?? [] });
     } catch (error) {

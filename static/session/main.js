@@ -13,6 +13,7 @@ import { follow, refreshEstimate } from "./history.js";
 import * as howSure from "./how_sure.js";
 import * as keyboard from "./keyboard.js";
 import * as layers from "./layers.js";
+import * as newScan from "./new_scan.js";
 import * as nextViews from "./next_views.js";
 import * as pairPlot from "./pair_plot.js";
 import * as part from "./part.js";
@@ -39,7 +40,7 @@ async function begin() {
   await untilAnswered(declareView);
   tabs.install(new URLSearchParams(location.search).get("tab"));
   const about = [verdict, timeline, plots, graph, estimate, howSure, part, nextViews, pairPlot, algorithm, edge];
-  for (const piece of [...about, particle, layers, economy, compare, share]) piece.install();
+  for (const piece of [...about, particle, newScan, layers, economy, compare, share]) piece.install();
   keyboard.install(frame);
   settings.install().catch((error) => update({ trouble: error.message }));
   const asked = new URLSearchParams(location.search).get("economy");

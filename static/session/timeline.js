@@ -103,9 +103,10 @@ function showMarks() {
     const word = certain ? "is certain" : `has a std of at most ${millimetres(maxStd())}`;
     marks.push({ kind: "certain", iteration, part, text: `${part.name} ${word} from iteration ${iteration} on` });
   });
-  for (const { after_iteration: iteration, scan_id, config } of state.changes) {
+  for (const { after_iteration: iteration, scan_id, mode, config } of state.changes) {
     const set = Object.entries(config ?? {}).map(([name, value]) => `${name} = ${value}`);
-    const what = scan_id ? "a view was added" : `settings were changed: ${set.join(", ")}`;
+    const came = mode === "replaces" ? "the scene had changed" : "a view was added";
+    const what = scan_id ? came : `settings were changed: ${set.join(", ")}`;
     marks.push({ kind: "change", iteration, text: `after iteration ${iteration} ${what}` });
   }
   for (const row of rows) {

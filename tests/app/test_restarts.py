@@ -23,8 +23,8 @@ def restart(served: Any) -> None:
 
 
 def test_a_restart_changes_no_number(serve: Callable[..., Any]) -> None:
-    """Interrupted by restarts, changed and given a further view on the way, a session comes to what one comes to that
-    was never interrupted; what it had is told in the same words."""
+    """Interrupted by restarts, changed, given a further view and shown another scene on the way, a session comes to
+    what one comes to that was never interrupted; what it had is told in the same words."""
 
     def first(client: httpx.Client, path: str) -> None:
         small.step(client, path, 3)
@@ -36,29 +36,36 @@ def test_a_restart_changes_no_number(serve: Callable[..., Any]) -> None:
 
     def third(client: httpx.Client, path: str) -> None:
         small.step(client, path, 4)
+        client.post(f"{path}/scans", json={"scan_id": changed, "mode": "replaces"}).raise_for_status()
+
+    def fourth(client: httpx.Client, path: str) -> None:
+        small.step(client, path, 3)
 
     served = serve()
     client = served.client
-    further = small.upload_scan(client, "second_view")
+    further, changed = small.upload_scan(client, "second_view"), small.upload_scan(client, "arm")
     ids = {"model_id": small.upload_model(client), "scan_id": small.upload_scan(client)}
     whole, pieces = small.create(client, **ids), small.create(client, **ids)
-    for stretch in (first, second, third):
+    for stretch in (first, second, third, fourth):
         stretch(client, whole)
     first(client, pieces)
-    for stretch in (second, third):
+    for stretch in (second, third, fourth):
         restart(served)
         before = client.get(pieces).json()
         assert before["state"] == "paused"
         assert before["config"] == small.QUICK | {"joint_draws": 3, "converged_iterations": 2}
         stretch(client, pieces)
-    assert history(client, whole, 9) == history(client, pieces, 9)
+    assert history(client, whole, 12) == history(client, pieces, 12)
     told = client.get(whole).json()
-    assert len(told["scan_ids"]) == 2
+    assert told["scan_ids"] == [changed]
     assert {name: told[name] for name in ("scan_ids", "config", "iteration", "converged")} == {
         name: client.get(pieces).json()[name] for name in ("scan_ids", "config", "iteration", "converged")
     }
     rows = [client.get(f"{path}/trace").json()["iterations"] for path in (whole, pieces)]
-    assert [row["converged"] for row in rows[0]] == [row["converged"] for row in rows[1]]
+    for name in ("converged", "stage", "notes"):
+        assert [row[name] for row in rows[0]] == [row[name] for row in rows[1]], name
+    # the further view was of another scene, and so was the one that replaced it
+    assert [len(rows[0][number]["notes"]) for number in (5, 6, 9, 10)] == [0, 1, 0, 1]
 
 
 def test_after_a_restart_every_session_is_there(serve: Callable[..., Any], tmp_path: Path) -> None:

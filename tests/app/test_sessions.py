@@ -184,6 +184,41 @@ def test_a_change_that_does_not_fit_changes_nothing(client: httpx.Client, path: 
     assert (client.get(path).json(), small.numbers(client, path)) == (before, numbers)
 
 
+@pytest.mark.parametrize("mode", ["", "replace", "JOINS", 1, None])
+def test_a_mode_that_there_is_none_of_is_refused(client: httpx.Client, path: str, mode: Any) -> None:
+    before = client.get(path).json()
+    scan = small.upload_scan(client, "second_view")
+    problem(client.post(f"{path}/scans", json={"scan_id": scan, "mode": mode}), 422, "mode")
+    assert client.get(path).json() == before
+
+
+def test_a_scan_replaces_those_before(client: httpx.Client, path: str, scan_id: str) -> None:
+    """From the next iteration on, also for a reset; one that is gone may come back."""
+    small.step(client, path, 4)
+    second, third = (small.upload_scan(client, scene) for scene in ("second_view", "arm"))
+    client.post(f"{path}/scans", json={"scan_id": second}).raise_for_status()
+    found = client.post(f"{path}/scans", json={"scan_id": third, "mode": "replaces"}).json()
+    assert found["scan_ids"] == [third] and not found["converged"]
+    problem(client.post(f"{path}/scans", json={"scan_id": third, "mode": "replaces"}), 409, "already")
+    small.step(client, path)
+    told = client.get(f"{path}/trace").json()
+    assert told["changes"] == [
+        {"after_iteration": 4, "scan_id": second, "mode": "joins"},
+        {"after_iteration": 4, "scan_id": third, "mode": "replaces"},
+    ]
+    (note,) = told["iterations"][5]["notes"]
+    assert note.startswith("the scene has changed")
+    assert told["iterations"][5]["std_xyz"] is None
+    back = client.post(f"{path}/scans", json={"scan_id": scan_id, "mode": "replaces"}).json()
+    assert back["scan_ids"] == [scan_id]
+    assert client.delete(f"/api/v1/scans/{third}").status_code == 409  # iterations were made with it
+    client.post(f"{path}/reset").raise_for_status()
+    assert client.get(path).json()["scan_ids"] == [scan_id]
+    small.step(client, path, 4)
+    whole = small.after(client, 4, model_id=client.get(path).json()["model_id"], scan_id=scan_id)
+    assert small.numbers(client, path) == small.numbers(client, whole)
+
+
 def test_unknown_sessions(client: httpx.Client) -> None:
     for method, end in (("GET", ""), ("DELETE", ""), ("POST", "/run"), ("GET", "/estimate"), ("GET", "/events")):
         problem(client.request(method, f"/api/v1/sessions/none{end}"), 404, "session 'none' is not here; there")

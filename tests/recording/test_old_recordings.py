@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import json
 import shutil
+import sqlite3
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pmpnbp.errors import RecordingError
 from pmpnbp.inference import run
+from pmpnbp.inference.arrival import Arrival
 from pmpnbp.inference.belief import SOURCES
 from pmpnbp.readout.snapshot import Criteria
-from pmpnbp.recording import IterationArchive, Recording
+from pmpnbp.recording import Change, IterationArchive, Recording, RecordingWriter
 
 OLD = Path(__file__).parent / "before" / "format_2.sqlite"
 CRITERIA = Criteria(max_std=0.0025)
@@ -45,6 +48,33 @@ def test_its_iterations_give_the_rows_that_it_was_written_with(path: Path) -> No
         for link, axes in theirs["std_xyz"].items():
             assert mine["particle_std_xyz"][link] == pytest.approx(axes, rel=1e-6, abs=1e-12), link
         assert mine["std_xyz"] is None and not mine["certain"]
+
+
+def test_it_is_gone_on_with_by_a_scan_that_replaces(path: Path, tmp_path: Path) -> None:
+    """It is older than modes; what was changed before stays as it was."""
+    with Recording(path) as recording:
+        before = recording.changes()
+        scan = recording.restored_inputs(tmp_path).scans[0]
+    with RecordingWriter.appending(path) as writer:
+        writer.change(Change(6, scan=scan, mode="replaces"))
+    with Recording(path) as recording:
+        after = recording.changes()
+        assert [change.mode for change in after] == [*(change.mode for change in before), "replaces"]
+        assert [change.settings for change in after[:-1]] == [change.settings for change in before]
+        assert recording.problem().arrival == Arrival(6, 0, 1)
+
+
+def test_a_mode_that_there_is_none_of_is_damage(path: Path, tmp_path: Path) -> None:
+    with Recording(path) as recording:
+        scan = recording.restored_inputs(tmp_path).scans[0]
+    with RecordingWriter.appending(path) as writer:
+        writer.change(Change(6, scan=scan))
+    connection = sqlite3.connect(path)
+    connection.execute("UPDATE changes SET mode = 'hides' WHERE scan IS NOT NULL")
+    connection.commit()
+    connection.close()
+    with Recording(path) as recording, pytest.raises(RecordingError, match="damaged: its changes cannot be read"):
+        recording.changes()
 
 
 def test_its_arrays_are_where_they_were(path: Path) -> None:

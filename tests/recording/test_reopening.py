@@ -14,6 +14,7 @@ import pytest
 
 from pmpnbp.errors import RecordingError
 from pmpnbp.inference import run
+from pmpnbp.inference.arrival import Arrival
 from pmpnbp.inference.belief import IterationReport, State
 from pmpnbp.inference.problem import Problem
 from pmpnbp.recording import Change, Inputs, Recording, RecordingWriter, make_whole
@@ -51,10 +52,15 @@ def inputs() -> Inputs:
 
 def later(inputs: Inputs, changes: Sequence[Change], iteration: int) -> Inputs:
     """What iteration `iteration` is made with: the slow, obvious twin of the reader."""
+    moves = 0
     for change in changes:
         if change.after_iteration < iteration:
-            scans = inputs.scans if change.scan is None else (*inputs.scans, change.scan)
-            inputs = replace(inputs, scans=scans, settings=change.settings or inputs.settings)
+            inputs = replace(inputs, settings=change.settings or inputs.settings)
+            if change.scan is not None:
+                kept = inputs.scans if change.mode == "joins" else ()
+                moves += change.mode == "replaces"
+                arrival = Arrival(change.after_iteration, len(kept), moves)
+                inputs = replace(inputs, scans=(*kept, change.scan), arrival=arrival)
     return inputs
 
 
@@ -110,6 +116,27 @@ def test_any_iteration_is_done_again_with_what_it_was_made_with(
         # a change does something: with the problem of before, other numbers come out
         _, other = run.advance(recording.state(3), recording.problem(3))
         assert other.belief.log_unary.tobytes() != made[4][0].belief.log_unary.tobytes()
+
+
+def test_a_scan_that_replaces_is_replayed_too(tmp_path: Path, inputs: Inputs) -> None:
+    """The scene changes amid a search that began again, and once more after it: every iteration is done again, also
+    from a file that was gone on with, and none remembers the scans that are gone."""
+    second, third = scan_of("second_view"), scan_of("arm")
+    came = [Change(2, scan=second), Change(3, scan=third, mode="replaces"), Change(7, scan=second, mode="replaces")]
+    made = iterations_of(inputs, came, 9)
+    assert [state.search_after for _, state in made] == [0, 0, 0, 2, 3, 3, 3, 3, 7, 7]
+    assert all(report.search_after == state.search_after for report, state in made)
+    path = recorded(tmp_path / "run.sqlite", inputs, made[:6], came)
+    with RecordingWriter.appending(path) as writer:
+        write(writer, made[6:], came)
+    with Recording(path) as recording:
+        assert [change.mode for change in recording.changes()] == ["joins", "replaces", "replaces"]
+        assert [len(recording.problem(number).observation.views) for number in (2, 3, 4, 8)] == [1, 2, 1, 1]
+        for number in range(9):
+            assert_same(recording.report(number), made[number][0])
+            state, report = run.advance(recording.state(number), recording.problem(number + 1))
+            assert_same(state, made[number + 1][1])
+            assert_same(report, made[number + 1][0], without=("seconds",))
 
 
 def test_inputs_of_an_iteration_come_back(

@@ -73,7 +73,9 @@ def test_curl(served: Served, repository: Path, folder: Path) -> None:
     assert abs(estimate["joints"]["slide3"]["position"]) < 0.015  # the accuracy that was asked for
     assert "paused" in printed
     assert "nothing" in printed
-    assert len(json.loads((folder / "sessions.json").read_text())) == 2  # one of them the sample
+    assert len(json.loads((folder / "sessions.json").read_text())) == 3  # one of them the sample
+    assert len(json.loads((folder / "replaced.json").read_text())["scan_ids"]) == 1
+    assert "the search begins again" in printed
     view = json.loads((folder / "view.json").read_text())
     assert (view["iteration"], view["part"]) == (2, "drawer2")
     assert "</html>" in (folder / "scene.html").read_text()

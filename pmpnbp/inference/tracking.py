@@ -135,7 +135,7 @@ def _diffused(rng: np.random.Generator, state: State, problem: Problem, plan: Sc
     settings, model, count = problem.settings, problem.mrf.model, problem.search_proposals
     parents = np.concatenate([state.root, state.joints])[None]
     if state.rivals is not None:
-        parents = np.concatenate([parents, state.rivals])
+        parents = np.concatenate([parents, state.rivals])[: max(count // 2, 1)]
     ancestor = rng.integers(len(parents), size=count)
     ancestor[rng.random(count) < ABOUT_ESTIMATE] = 0
     ancestor[: len(parents)] = np.arange(len(parents))

@@ -10,7 +10,7 @@ import pytest
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference import problem, run
+from pmpnbp.inference import problem, run, tracking
 from pmpnbp.inference.arrival import Arrival
 from pmpnbp.inference.confirmation import by_last_views, confirmation
 from pmpnbp.inference.problem import Problem
@@ -158,6 +158,41 @@ def test_a_scan_that_replaces_amid_a_search_begins_it_again() -> None:
     assert steps[0].state.search_after == 2 and error(steps[-1], FAR, JOINTS) < 0.005
     joined = run.advance(early.state, seeing(FIRST, (FAR, JOINTS, ASIDE), arrival=Arrival(2, 1)))[0]
     assert joined.search_after == 0
+
+
+def test_few_proposals_are_half_moved_ones(found: tuple[str, Step]) -> None:
+    """Though there are more rivals than proposals."""
+    method, before = found
+    assert before.state.root is not None and before.state.joints is not None
+    here = np.concatenate([before.state.root, before.state.joints])
+    many = replace(before.state, rivals=np.tile(here, (30, 1)))
+    made = seeing((ROOT, PULLED, BEFORE), arrival=Arrival(before.iteration, 0, 1), method=method)
+    made = replace(made, settings=replace(made.settings, search_proposals=10))
+    proposals, kept = tracking._diffused(np.random.default_rng(0), many, made, made.schedule(4))
+    assert len(proposals.roots) == made.search_proposals == 2 * kept.stop
+    np.testing.assert_array_equal(proposals.roots[kept], np.tile(here[:7], (kept.stop, 1)))
+    np.testing.assert_allclose(proposals.joints[kept], np.tile(here[7:], (kept.stop, 1)))
+    assert not np.any(np.all(proposals.roots[kept.stop :] == here[:7], axis=1))
+
+
+def test_process_noise_is_that_of_the_settings(found: tuple[str, Step]) -> None:
+    """Upright, without rivals: x, y, z and the turn about up with their standard deviations, about the root's middle;
+    joints with their share of the range, within it."""
+    method, before = found
+    state = replace(before.state, rivals=None)
+    assert state.root is not None and state.joints is not None
+    noise = {"moved_std_xyz": 0.04, "moved_std_rpy": 0.2, "moved_joint_share": 0.05}
+    made = seeing((ROOT, PULLED, BEFORE), arrival=Arrival(before.iteration, 0, 1), method=method, **noise)
+    made = replace(made, settings=replace(made.settings, search_proposals=6000))
+    proposals, _ = tracking._diffused(np.random.default_rng(0), state, made, made.schedule(4))
+    middle = made.mrf.centres[0]
+    shift = poses.transform_points(proposals.roots, middle) - poses.transform_points(state.root, middle)
+    np.testing.assert_allclose(shift.std(axis=0), 0.04, rtol=0.05)
+    turn = poses.quaternion_multiply(proposals.roots[:, 3:], poses.quaternion_conjugate(state.root[3:]))
+    np.testing.assert_allclose(poses.to_rotation_vector(turn).std(axis=0), [0, 0, 0.2], rtol=0.05, atol=1e-9)
+    ranges = MODEL.upper - MODEL.lower
+    np.testing.assert_allclose((proposals.joints - state.joints).std(axis=0), 0.05 * ranges, rtol=0.05)
+    assert np.all((proposals.joints >= MODEL.lower) & (proposals.joints <= MODEL.upper))
 
 
 def test_without_a_search_the_start_comes_again() -> None:

@@ -15,7 +15,7 @@ from app.routes.parameters import Iteration, SessionId, check_links, read
 from app.schemas import DecisionRequest
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.readout.fit import some_of
+from pmpnbp.inference.confirmation import some_of
 from pmpnbp.readout.result import pose_members
 from pmpnbp.readout.sight import sights
 from pmpnbp.readout.snapshot import Snapshot

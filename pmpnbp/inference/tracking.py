@@ -11,7 +11,6 @@ hypotheses.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +18,7 @@ import numpy as np
 from pmpnbp.geometry import poses
 from pmpnbp.inference import global_search, initialisation
 from pmpnbp.inference.belief import OWN, IterationReport, State
-from pmpnbp.inference.confirmation import Confirmation, by_last_views, confirmation
+from pmpnbp.inference.confirmation import Confirmation, by_last_views, confirmation, some_of
 from pmpnbp.inference.hypotheses import Proposals
 from pmpnbp.inference.joint_draws import joint_spreads, within_limits
 from pmpnbp.inference.nuisance_fit import fitted
@@ -95,11 +94,7 @@ def _confirms(seen: Confirmation, least: float) -> bool:
 
 def _share(seen: Confirmation) -> str:
     share = f"{100 * seen.explained:.0f} % of what should be seen is confirmed"
-    return f"{share}, but not {_some_of(seen.missed)}" if seen.missed and seen.explained > 0 else share
-
-
-def _some_of(names: Sequence[str]) -> str:
-    return ", ".join(names[:3]) + (" and others" if len(names) > 3 else "")
+    return f"{share}, but not {some_of(seen.missed)}" if seen.missed and seen.explained > 0 else share
 
 
 def _views(problem: Problem) -> str:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.confirmation import confirmation
+from pmpnbp.inference.confirmation import confirmation, some_of
 from pmpnbp.inference.problem import Problem
 from pmpnbp.scene.observation import OBJECT, View
 
@@ -60,11 +60,6 @@ def assess(problem: Problem, root: Array, joints: Array) -> Fit:
     if verdict == "good" and seen.denied:
         reason = f"{reason}; much of {some_of(seen.denied)} is seen through, so that it is elsewhere"
     return Fit(verdict=verdict, reason=reason, explained=seen.explained, missed=seen.missed, denied=seen.denied)
-
-
-def some_of(names: Sequence[str]) -> str:
-    """The first three of some names, as part of a sentence."""
-    return ", ".join(names[:3]) + (" and others" if len(names) > 3 else "")
 
 
 def _judged(

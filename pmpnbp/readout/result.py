@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.confirmation import some_of
 from pmpnbp.readout.estimate import Estimate, ModeEstimate
-from pmpnbp.readout.fit import some_of
 
 SCHEMA = "pmpnbp/estimate-2"
 OF_RUN = ["model", "method", "seed", "iteration", "converged", "frame_id", "stamp", "certain", "max_std", "seconds"]

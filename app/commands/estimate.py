@@ -72,6 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     criteria = Criteria(max_std=arguments.max_std, truth=truth)
     elapsed = time.perf_counter() - began
     found = snapshot(problem, step.report, criteria, converged=step.converged, elapsed=elapsed).read_out
+    _keep(found, arguments.recording)
     result = found.result
     if not arguments.quiet:
         sys.stderr.write(verdict(result) + "\n")
@@ -109,6 +110,16 @@ def _recorder(path: Path | None, inputs: Inputs, problem: Problem) -> AbstractCo
     from pmpnbp.recording import RecordingWriter
 
     return nullcontext(None) if path is None else RecordingWriter(path, inputs, problem.mrf.model)
+
+
+def _keep(found: Snapshot, path: Path | None) -> None:
+    """Put the posterior into the recording, where there is one: its draws are those that the result is of."""
+    from pmpnbp.recording import RecordingWriter
+
+    posterior = found.placed.posterior
+    if path is not None and posterior is not None:
+        with RecordingWriter.appending(path) as writer:
+            writer.keep(posterior)
 
 
 def _changes(assignments: Sequence[tuple[str, str]]) -> dict[str, str]:

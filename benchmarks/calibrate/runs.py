@@ -22,7 +22,6 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.run import steps
 from pmpnbp.readout.estimate import Placement, place
-from pmpnbp.readout.importance_sampling import effective_sample_size
 from pmpnbp.readout.posterior import Posterior, of_estimate
 from pmpnbp.readout.surface_distance import distances, part_surfaces
 from pmpnbp.recording.inputs import Inputs
@@ -57,7 +56,7 @@ def perform(task: Task, asked: Asked) -> Result:
         "verdict": posterior.fit.verdict,
         "reason": posterior.fit.reason,
         "at_rest": step.converged,
-        "effective": round(effective_sample_size(posterior.log_weights), 1),
+        "effective": round(posterior.effective_sample_size, 1),
     }
     if asked["absent"]:
         return told

@@ -149,6 +149,9 @@ def test_the_open_cabinet_is_found(tmp_path: Path, capsys: Capture) -> None:
     assert max(abs(error) for error in errors["joints"].values()) < 0.01
     with Recording(recording) as recorded:
         assert recorded.iterations() == list(range(result["iteration"] + 1))
+        posterior = recorded.posterior(result["iteration"])
+    assert posterior is not None and posterior.effective_sample_size == result["effective_draws"]
+    assert [mode.weight for mode in posterior.modes] == [mode["weight"] for mode in result["alternatives"]]
     assert sorted(file.name for file in tmp_path.iterdir()) == ["result.json", "run.sqlite"]
 
 

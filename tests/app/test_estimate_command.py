@@ -69,6 +69,7 @@ def checked(result: dict[str, Any], method: str = "pmpnbp") -> None:
         "links",
         "joints",
         "alternatives",
+        "unknown",
         "depth_noise",
         "nuisances",
     ]

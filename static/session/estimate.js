@@ -28,6 +28,8 @@ function show() {
   reconcile(byId("sensor"), "sensor-row", facts, ([name]) => name, showFact);
   if (part || edge) return;
   reconcile(byId("links"), "link-row", Object.entries(state.estimate.links), ([name]) => name, showLink);
+  byId("unknown").hidden = !state.estimate.unknown.length;
+  setText(byId("unknown"), state.estimate.unknown.map((sentence) => `Not told by the scan: ${sentence}.`).join(" "));
   setText(byId("std-limit"), `of ${millimetres(state.estimate.max_std)}`);
   const joints = Object.entries(state.estimate.joints);
   byId("joints-title").hidden = !joints.length;

@@ -274,6 +274,24 @@ def test_alternatives_tell_what_is_elsewhere(page: Page, served: Served, certain
     )
 
 
+def test_what_the_scan_does_not_tell_is_said(page: Page, served: Served, certain: str) -> None:
+    opened(page, served, certain)
+    expect(page.locator("#links tr")).to_have_count(len(served.client.get(f"{certain}/estimate").json()["links"]))
+    expect(page.locator("#unknown")).to_be_hidden()
+
+    def altered(route: Route) -> None:
+        answer = route.fetch()
+        sentences = ["joint 'slide1' may be anywhere from 0.01 m to 0.24 m", "'frame' is round"]
+        route.fulfill(response=answer, json=answer.json() | {"unknown": sentences})
+
+    page.route(f"**{certain}/estimate?*", altered)
+    page.reload()
+    expect(page.locator("#unknown")).to_have_text(
+        "Not told by the scan: joint 'slide1' may be anywhere from 0.01 m to 0.24 m. "
+        "Not told by the scan: 'frame' is round."
+    )
+
+
 def test_the_hypotheses_of_a_part(page: Page, served: Served, certain: str) -> None:
     link = served.client.get(f"{certain}/estimate").json()["links"]["drawer2"]
     opened(page, served, certain, "?part=drawer2")

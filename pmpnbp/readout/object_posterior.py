@@ -31,7 +31,7 @@ from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 FLOOR, SHARED = 0.006, 1.75
 # Share of a pixel of the working image that its grain hides: outlines are told by whole pixels, which no number of them
 # averages out, as an edge may run along a row.
-GRAIN = 0.008
+GRAIN = 0.01
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate; rounds at
 # most; and how many draws have to count before no more are made.
 FIRST, LEAST, EACH, ROUNDS, ENOUGH = 64, 128, 16, 14, 60.0

@@ -28,13 +28,13 @@ from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 # A pixel's score 1 - (d / tau)^2 counts as a Gaussian's logarithm with a standard deviation of FLOOR, metres, and so
 # many times the depths' own: pixels share their errors with their neighbours (steps of depth, outlines, the mesh), so
 # that each says less than its noise would have it. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
-FLOOR, SHARED = 0.006, 1.75
+FLOOR, SHARED = 0.0068, 2.0
 # Share of a pixel of the working image that its grain hides: outlines are told by whole pixels, which no number of them
 # averages out, as an edge may run along a row.
-GRAIN = 0.01
+GRAIN = 0.009
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate; rounds at
 # most; and how many draws have to count before no more are made.
-FIRST, LEAST, EACH, ROUNDS, ENOUGH = 64, 128, 16, 14, 60.0
+FIRST, LEAST, EACH, ROUNDS, ENOUGH = 64, 128, 16, 24, 60.0
 # Cells over a joint's range, and the least share of a uniform density in draws from them.
 CELLS, UNIFORM = 32, 0.1
 # Densities along one axis alone, and of a few places, are taken this much less sharp: the other coordinates are not

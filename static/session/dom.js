@@ -33,6 +33,13 @@ export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+// Put nodes and texts in place of what an element holds, only where they are others: what is under the mouse stays.
+export function setContent(element, ...children) {
+  const wanted = element.cloneNode(false);
+  wanted.append(...children);
+  if (!wanted.isEqualNode(element)) element.replaceChildren(...wanted.childNodes);
+}
+
 export const byId = (id) => document.getElementById(id);
 
 // A copy of the element in a <template> of the page.

@@ -2,7 +2,7 @@
 // wrong, or the part or edge that was chosen.
 
 import { showAlternatives } from "./alternatives.js";
-import { byId, reconcile, setName, setText } from "./dom.js";
+import { byId, reconcile, setContent, setName, setText } from "./dom.js";
 import { doubts } from "./doubts.js";
 import { joint, millimetres, percent, plural } from "./format.js";
 import { intervalGauge, stdGauge } from "./gauges.js";
@@ -48,7 +48,7 @@ function showLink(row, [name, link]) {
   row.querySelector(".swatch").style.backgroundColor = colour(part);
   setName(row.querySelector(".long"), name);
   const [, std, visible, sure] = row.children;
-  std.replaceChildren(...[stdGauge(link.std_xyz, state.estimate.max_std)].flat());
+  setContent(std, ...[stdGauge(link.std_xyz, state.estimate.max_std)].flat());
   // what the standard deviation does not tell: how far off the whole link is expected to be
   std.title = link.expected_add === null ? "" : `expected to be off by ${millimetres(link.expected_add)} (ADD)`;
   setText(visible, percent(link.visible_fraction));
@@ -62,7 +62,7 @@ function showJoint(row, [name, value]) {
   setText(heading, name);
   heading.title = `${name}, ${value.type}`;
   setText(position, joint(value.type, value.position));
-  interval.replaceChildren(...[intervalGauge(value)].flat());
+  setContent(interval, ...[intervalGauge(value)].flat());
   interval.title = value.std === null ? "" : `std ${joint(value.type, value.std, 2)}`;
 }
 

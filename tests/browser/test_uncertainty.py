@@ -179,6 +179,13 @@ def test_a_joint_has_its_interval_within_its_limits(page: Page, served: Served, 
         # two pixels wider at either end: an interval that is narrow for the limits is to be seen, too
         assert drawn["x"] == pytest.approx(track["x"] + wanted[0] * track["width"] - 2, abs=1)
         assert drawn["width"] == pytest.approx((wanted[1] - wanted[0]) * track["width"] + 4, abs=1)
+    # drawn again, what has not changed stays the same element
+    bar = page.locator("#joints .interval").first.element_handle()
+    page.locator("#links button").first.click()
+    expect(page.locator("#part")).to_be_visible()
+    page.get_by_role("button", name="Back to all links").click()
+    expect(page.locator("#joints .interval").first).to_be_visible()
+    assert bar.evaluate("(bar) => bar.isConnected")
     page.get_by_role("slider", name="Iteration").fill("2")
     expect(page.locator("#joints tr").first.locator("td").nth(1)).to_have_text("–")
 

@@ -6,10 +6,10 @@ rest, and `belief.webp`, a belief that forms iteration by iteration.
 
 from __future__ import annotations
 
+import argparse
 import io
 import re
 import signal
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -83,4 +83,6 @@ def opened(browser: Browser, url: str, scheme: Any) -> Page:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else OUT)
+    parser = argparse.ArgumentParser(description="make the README's pictures of the page again")
+    parser.add_argument("folder", nargs="?", type=Path, default=OUT, help="where they go (default docs/images)")
+    main(parser.parse_args().folder)

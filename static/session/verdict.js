@@ -3,11 +3,14 @@
 
 import { call, sessionPath } from "./api.js";
 import { byId, setText } from "./dom.js";
-import { named, percent } from "./format.js";
-import { isLive, isRecording, newestIteration, partOfLink, searches, state, subscribe } from "./state.js";
+import { jointEnds, named, percent } from "./format.js";
+import { isLive, isRecording, newestIteration, partNamed, partOfLink, searches, state, subscribe } from "./state.js";
 import * as tabs from "./tabs.js";
 import { throttled } from "./throttle.js";
 import { changeView } from "./view.js";
+
+// The share of a part that is visible below which it is unseen; one without a surface is not.
+const UNSEEN = 0.01;
 
 let asked = null; // the newest estimate, where another iteration is looked at
 
@@ -55,11 +58,28 @@ function sentence({ state: here, fit, fit_reason: reason, certain }) {
   return ["Found:", `${explained === null ? reason : `${percent(explained)} explained`}. ${links}`];
 }
 
-// The parts with a link that is not certain; of links that move together one name is enough.
+// The parts with a link that is not certain, by the name of one: links that move together are one thing. Of what is not
+// seen at all it says between which ends its joint may be.
 function uncertain(estimate) {
-  const links = Object.entries(estimate?.links ?? {}).filter(([, link]) => !link.certain);
-  const names = new Set(links.map(([name]) => partOfLink(name)?.name ?? name));
-  return names.size ? `${named([...names])} not certain.` : "Not all links certain.";
+  const doubted = Object.entries(estimate?.links ?? {}).filter(([, link]) => !link.certain);
+  if (!doubted.length) return "Not all links certain.";
+  const parts = new Map(doubted.map(([name, link]) => [partOfLink(name)?.name ?? name, link]));
+  const names = [...parts.keys()];
+  const unseen = names.filter((name) => (parts.get(name).visible_fraction ?? 1) < UNSEEN);
+  const others = names.filter((name) => !unseen.includes(name));
+  return [
+    unseen.length ? `${named(unseen.map((name) => name + between(name, estimate)))} unseen.` : "",
+    others.length ? `${named(others)} not certain.` : "",
+  ]
+    .filter(Boolean)
+    .join(" ");
+}
+
+function between(part, { joints }) {
+  const links = partNamed(part)?.links ?? [part];
+  const joint = Object.values(joints).find(({ child }) => links.includes(child));
+  const told = joint?.interval && !Array.isArray(joint.position);
+  return told ? ` (${jointEnds(joint.type, joint.interval)})` : "";
 }
 
 // A box around the object is what the search lacks most often.

@@ -68,6 +68,18 @@ def on_the_way(served: Served) -> str:
     return small.after(served.client, 6, name="a cabinet")
 
 
+def test_the_verdict_says_where_the_unseen_may_be(page: Page, served: Served, uncertain: str) -> None:
+    estimate = served.client.get(f"{uncertain}/estimate").json()
+    for link in ("drawer2", "handle2"):
+        estimate["links"][link]["visible_fraction"] = 0.0
+    name = next(name for name, joint in estimate["joints"].items() if joint["child"] == "drawer2")
+    estimate["joints"][name]["interval"] = [0.002, 0.231]
+    page.route(re.compile(r"/estimate$"), lambda route: route.fulfill(json=estimate))
+    opened(page, served, uncertain, "?iteration=1")
+    told = r"Found: \d+\s% explained\. drawer2 \(0\.2 to 23\.1\scm\) unseen\. frame, drawer1 and 1 other not certain\."
+    expect(page.locator("#certain")).to_have_text(re.compile(told))
+
+
 @pytest.mark.parametrize("size", [DESK, {"width": 1280, "height": 800}, PHONE])
 def test_the_verdict_of_what_was_found(
     new_page: Callable[..., Page], served: Served, certain: str, size: dict[str, int]

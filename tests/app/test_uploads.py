@@ -241,9 +241,10 @@ def test_a_client_that_goes_away_leaves_nothing(served: Any) -> None:
         incoming = served.config.data_dir / "incoming"
         while not list(incoming.rglob("a.pcd")):
             time.sleep(0.01)
-    while list(incoming.iterdir()):
+    # its files go first, then what they had claimed of the disk
+    while list(incoming.iterdir()) or served.app.state.store.used_bytes():
         time.sleep(0.01)
-    assert nothing_kept(served) and served.app.state.store.used_bytes() == 0
+    assert nothing_kept(served)
 
 
 def test_where_too_many_wait_one_is_told_when_to_come_back(

@@ -36,7 +36,7 @@ export function setText(element, text) {
 // Put nodes and texts in place of what an element holds, only where they are others: what is under the mouse stays.
 export function setContent(element, ...children) {
   const wanted = element.cloneNode(false);
-  wanted.append(...children);
+  wanted.append(...children.flat());
   if (!wanted.isEqualNode(element)) element.replaceChildren(...wanted.childNodes);
 }
 

@@ -2,13 +2,15 @@
 // wrong, or the part or edge that was chosen.
 
 import { showAlternatives } from "./alternatives.js";
-import { byId, reconcile, setContent, setName, setText } from "./dom.js";
+import { byId, reconcile, sentence, setContent, setName, setText } from "./dom.js";
 import { doubts } from "./doubts.js";
 import { joint, millimetres, percent, plural } from "./format.js";
 import { intervalGauge, stdGauge } from "./gauges.js";
 import { choosePart } from "./graph.js";
 import { sensorAndModel } from "./sensor_and_model.js";
 import { colour, hasPosterior, onTheme, partOfLink, state, subscribe } from "./state.js";
+
+const tellUnknown = sentence("unknown");
 
 export function install() {
   subscribe(["estimate", "graph", "view"], show);
@@ -28,8 +30,7 @@ function show() {
   reconcile(byId("sensor"), "sensor-row", facts, ([name]) => name, showFact);
   if (part || edge) return;
   reconcile(byId("links"), "link-row", Object.entries(state.estimate.links), ([name]) => name, showLink);
-  byId("unknown").hidden = !state.estimate.unknown.length;
-  setText(byId("unknown"), state.estimate.unknown.map((sentence) => `Not told by the scan: ${sentence}.`).join(" "));
+  tellUnknown(state.estimate.unknown.map((what) => `Not told by the scan: ${what}.`).join(" "));
   setText(byId("std-limit"), `of ${millimetres(state.estimate.max_std)}`);
   const joints = Object.entries(state.estimate.joints);
   byId("joints-title").hidden = !joints.length;
@@ -48,7 +49,7 @@ function showLink(row, [name, link]) {
   row.querySelector(".swatch").style.backgroundColor = colour(part);
   setName(row.querySelector(".long"), name);
   const [, std, visible, sure] = row.children;
-  setContent(std, ...[stdGauge(link.std_xyz, state.estimate.max_std)].flat());
+  setContent(std, stdGauge(link.std_xyz, state.estimate.max_std));
   // what the standard deviation does not tell: how far off the whole link is expected to be
   std.title = link.expected_add === null ? "" : `expected to be off by ${millimetres(link.expected_add)} (ADD)`;
   setText(visible, percent(link.visible_fraction));
@@ -62,7 +63,7 @@ function showJoint(row, [name, value]) {
   setText(heading, name);
   heading.title = `${name}, ${value.type}`;
   setText(position, joint(value.type, value.position));
-  setContent(interval, ...[intervalGauge(value)].flat());
+  setContent(interval, intervalGauge(value));
   interval.title = value.std === null ? "" : `std ${joint(value.type, value.std, 2)}`;
 }
 

@@ -244,7 +244,7 @@ def test_a_client_that_goes_away_leaves_nothing(served: Any) -> None:
     # its files go first, then what they had claimed of the disk
     while list(incoming.iterdir()) or served.app.state.store.used_bytes():
         time.sleep(0.01)
-    assert nothing_kept(served)
+    assert nothing_kept(served) and served.app.state.store.used_bytes() == 0
 
 
 def test_where_too_many_wait_one_is_told_when_to_come_back(

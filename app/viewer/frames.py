@@ -204,7 +204,7 @@ def _draws(snapshot: Snapshot, stage: Stage, state: ViewState) -> Iterator[Lines
         return
     certain = snapshot.placed.certain(snapshot.criteria.max_std)
     chosen = posterior.even_draws(DRAWS)
-    drawn = stage.model.part_poses(posterior.drawn_roots[chosen], posterior.drawn_joints[chosen])
+    drawn = posterior.part_poses(stage.model, chosen)
     for number, (part, shape, colour) in enumerate(
         zip(stage.model.parts, stage.shapes, colours(stage, state.theme), strict=True)
     ):

@@ -53,6 +53,6 @@ def fitted(
 def scores(problem: Problem, roots: Array, joints: Array, nuisances: Array, tolerance: float) -> Array:
     """Whole-object log scores (C,) of root poses (C, 7) and joint vectors (C, D) under nuisances (C, K), the priors of
     pose and nuisances included."""
-    part_poses = problem.mrf.part_poses(roots, joints)
+    part_poses = problem.part_poses(roots, joints, nuisances)
     score = object_scores(problem.observation, problem.surfaces, part_poses, problem.score(tolerance), nuisances)
     return problem.plus_prior(score, part_poses[:, problem.prior_node]) + problem.log_nuisance_prior(nuisances)

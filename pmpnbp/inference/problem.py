@@ -14,6 +14,7 @@ from pmpnbp.inference import mrf as mrf_module
 from pmpnbp.inference.arrival import Arrival
 from pmpnbp.inference.mrf import Mrf
 from pmpnbp.potentials import nuisances
+from pmpnbp.potentials.nuisances import split
 from pmpnbp.potentials.surfaces import Surfaces, prepare_surfaces
 from pmpnbp.potentials.unary import PixelScore, Renderer, unary_scores
 from pmpnbp.scene.articulated_object import ArticulatedObject
@@ -22,6 +23,7 @@ from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.observe import without_longer_surfaces
 from pmpnbp.scene.patches import length
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
+from pmpnbp.scene.sizes import resized
 from pmpnbp.settings import Schedule, SessionOptions, Settings, check_method, schedule
 
 # A smooth surface this many times longer than the object is none of its own.
@@ -136,8 +138,27 @@ class Problem:
 
     def taking(self, nuisances: Array | None) -> Problem:
         """The same with nuisances (K,) taken for these, where some were estimated, and in as many views."""
-        known = nuisances is not None and nuisances.shape == self.nuisance_std.shape and self.nuisances is not None
-        return replace(self, nuisances=nuisances) if known else self
+        if self.nuisances is None or nuisances is None or nuisances.shape != self.nuisance_std.shape:
+            return self
+        sizes, mrf = self.free_sizes(nuisances), self.mrf
+        if sizes is not None and not np.array_equal(sizes, mrf.model.sizes):
+            mrf = mrf_module.build(resized(mrf.model, sizes))
+        return replace(self, nuisances=nuisances, mrf=mrf)
+
+    def part_poses(self, roots: Array, joints: Array, nuisances: Array | None) -> Array:
+        """(..., N, 7) from root poses (..., 7), joint vectors (..., D) and nuisances (..., K), or the problem's, which
+        broadcast: `mrf.part_poses`, but under other sizes."""
+        sizes = self.free_sizes(nuisances)
+        if sizes is None:
+            return self.mrf.part_poses(roots, joints)
+        return resized(self.mrf.model, sizes).part_poses(roots, joints)
+
+    def free_sizes(self, nuisances: Array | None) -> Array | None:
+        """(..., 3) of nuisances (..., K), see `scene/sizes.py`; None where sizes are fixed."""
+        views = len(self.observation.views)
+        if nuisances is None or not split(self.nuisance_std, views)[2].any():
+            return None
+        return split(nuisances, views)[2]
 
     def log_nuisance_prior(self, nuisances: Array) -> Array:
         """log density, up to a constant, of nuisances (..., K)."""
@@ -196,7 +217,7 @@ def build(
         observation = without_longer_surfaces(observation, LONGER * _length(model))
     mrf, views = mrf_module.build(model), observation.views
     distances = np.array([view.distance or 1.0 for view in views])
-    levers = nuisances.levers(distances, mrf.radii)
+    levers = nuisances.levers(distances, _lengths(model))
     nuisance_std = nuisances.prior_stds(settings, levers, len(views))
     return Problem(
         mrf=mrf,
@@ -239,13 +260,24 @@ def _moved_on(prior: GaussianPrior, model: ArticulatedObject, settings: Settings
 
 def _length(model: ArticulatedObject) -> float:
     """Metres from one end to the other of the longest part, or of the object at rest where that is longer."""
+    clouds = _at_rest(model)
+    return max(map(length, [*clouds, np.concatenate(clouds)])) if clouds else np.inf
+
+
+def _lengths(model: ArticulatedObject) -> Array:
+    """(3,) metres: how far the object at rest and the root part's origin are from end to end along that part's axes."""
+    reach: Array = np.ptp(np.concatenate([np.zeros((1, 3)), *_at_rest(model)]), axis=0)
+    return np.maximum(reach, mrf_module.LEAST_LEVER)
+
+
+def _at_rest(model: ArticulatedObject) -> list[Array]:
+    """Of each part that has a surface, its vertices (V, 3) in the root part's frame, joints at rest."""
     at_rest = model.part_poses(poses.IDENTITY, np.clip(0.0, model.lower, model.upper))
-    clouds = [
+    return [
         poses.transform_points(pose, part.mesh.vertices)
         for pose, part in zip(at_rest, model.parts, strict=True)
         if len(part.mesh.vertices)
     ]
-    return max(map(length, [*clouds, np.concatenate(clouds)])) if clouds else np.inf
 
 
 def _narrowed(model: ArticulatedObject, known: dict[int, tuple[float, float]]) -> ArticulatedObject:

@@ -105,11 +105,11 @@ def linearised(
     signed = np.tile(steps, (len(roots), 1))
     signed[:, 6:placing][blocked] *= -1.0
     moves = signed[:, None] * np.concatenate([np.zeros((1, len(steps))), np.eye(len(steps))])
-    part_poses = problem.mrf.part_poses(*moved(problem, roots, joints, moves[..., :placing]))
     nuisances = problem.nuisances
     if nuisances is not None:
         nuisances = np.tile(nuisances, (1 + len(steps), 1))
         nuisances[:, free] += moves[0, :, placing:]
+    part_poses = problem.part_poses(*moved(problem, roots, joints, moves[..., :placing]), nuisances)
     return normal_equations(
         problem.observation,
         problem.surfaces,

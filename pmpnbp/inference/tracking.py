@@ -119,7 +119,7 @@ def _tracked(rng: np.random.Generator, state: State, problem: Problem) -> tuple[
         taken = problem.taking(state.nuisances)
         root, joints, nuisances, score = fitted(rng, taken, new.root, new.joints, plan, tight_tolerance(problem))
         new = replace(new, root=root, joints=joints, nuisances=nuisances)
-        part_poses = problem.mrf.part_poses(root, joints)
+        part_poses = problem.taking(nuisances).mrf.part_poses(root, joints)
         report = replace(report, map_poses=part_poses, map_joints=joints, map_score=score, nuisances=nuisances)
     return new, replace(report, seconds=time.perf_counter() - began)
 

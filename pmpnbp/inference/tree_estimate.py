@@ -66,7 +66,7 @@ def improve(
     root, q, score, nuisances = roots[0], joints[0], float(scores[0]), None
     if problem.nuisances is not None:
         root, q, nuisances, score = fitted(rng, problem, root, q, plan, plan.tolerance)
-    return root, q, problem.mrf.part_poses(root, q), score, nuisances
+    return root, q, problem.taking(nuisances).mrf.part_poses(root, q), score, nuisances
 
 
 def agreeing(problem: Problem, report: IterationReport) -> tuple[Array, Array]:
@@ -77,6 +77,7 @@ def agreeing(problem: Problem, report: IterationReport) -> tuple[Array, Array]:
     is kept where it is and the others are brought as near to their own as the joints allow; of these configurations
     the one stands that, rendered whole, explains the scan best.
     """
+    problem = problem.taking(report.nuisances)
     model = problem.mrf.model
     joints = report.map_joints
     # the paper's estimate has no joint vector of its own

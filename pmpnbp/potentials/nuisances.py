@@ -1,20 +1,18 @@
-"""What sensor and model have wrong everywhere at once: a depth scale per camera, poses of cameras, sizes of parts.
+"""What sensor and model have wrong everywhere at once: a depth scale per camera, poses of cameras, the object's sizes.
 
 No number of pixels averages such an error out, so it is a parameter with a prior. A part is drawn where and as large as
-it appears in a view under given values of these parameters: a similarity, not a rigid motion. The scan stays as it is.
+it appears in a view under given values of these parameters: a linear map, not a rigid motion. The scan stays as it is.
 
-A vector of nuisances has, in this order, for V views and N parts:
+A vector of nuisances has, in this order, K = 7 V + 3 numbers for V views:
     V depth scales: measured depth over true depth, less 1
     6 V camera offsets: of each view's true camera in the frame of the camera that was given, metres and rotation vector
-    N sizes: true size over the model's, less 1, about the middle of the part
+    3 sizes: true size over the model's, less 1, along the root part's axes; poses of parts are those of the resized
+        object, see `scene/sizes.py`
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
@@ -23,20 +21,20 @@ from pmpnbp.settings import Settings
 CAMERA_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
-def names(views: int, parts: Sequence[str]) -> tuple[str, ...]:
-    """(K,) what each nuisance is called: depth_scale/0, camera/1/rx, size/drawer1."""
+def names(views: int) -> tuple[str, ...]:
+    """(K,) what each nuisance is called: depth_scale/0, camera/1/rx, size/x."""
     return (
         *(f"depth_scale/{view}" for view in range(views)),
         *(f"camera/{view}/{axis}" for view in range(views) for axis in CAMERA_AXES),
-        *(f"size/{part}" for part in parts),
+        *(f"size/{axis}" for axis in "xyz"),
     )
 
 
-def levers(distances: Array, radii: Array) -> Array:
+def levers(distances: Array, lengths: Array) -> Array:
     """(K,): metres that the surface moves for one unit of each, where the object is `distances` (V,) metres from the
-    cameras and its parts reach `radii` (N,) metres from their middles."""
+    cameras and `lengths` (3,) metres long along the root part's axes."""
     offsets = np.repeat(np.stack([np.ones(len(distances)), distances], axis=1), 3, axis=1)
-    return np.concatenate([distances, offsets.ravel(), radii])
+    return np.concatenate([distances, offsets.ravel(), lengths])
 
 
 def prior_stds(settings: Settings, levers: Array, views: int) -> Array:
@@ -51,7 +49,7 @@ def prior_stds(settings: Settings, levers: Array, views: int) -> Array:
 
 
 def split(nuisances: Array, views: int) -> tuple[Array, Array, Array]:
-    """Depth scales (..., V), camera offsets (..., V, 6) and sizes (..., N) of vectors (..., K), not copies."""
+    """Depth scales (..., V), camera offsets (..., V, 6) and sizes (..., 3) of vectors (..., K), not copies."""
     offsets = nuisances[..., views : 7 * views].reshape(*nuisances.shape[:-1], views, 6)
     return nuisances[..., :views], offsets, nuisances[..., 7 * views :]
 
@@ -63,30 +61,22 @@ def of_last_views(nuisances: Array, views: int, first: int) -> Array:
 
 
 def apparent(
-    nuisances: Array,
-    view: int,
-    views: int,
-    pose_world_camera: Array,
-    poses_world_part: Array,
-    parts: NDArray[np.integer],
-    centres: Array,
+    nuisances: Array, view: int, views: int, pose_world_camera: Array, poses_world_part: Array, axes_at_zero: Array
 ) -> Array:
-    """Where parts appear to be in one of `views` views: poses (..., P, 7) whose quaternions have the square root of the
-    apparent scale as their length.
+    """Where and how parts appear to be in one of `views` views: maps (..., P, 12) from a part's frame to the world, the
+    nine elements of the matrix row by row and then where the part's origin goes.
 
     nuisances : (..., K); view : its number; pose_world_camera : (7,) as it was given
-    poses_world_part : (..., P, 7) of the parts numbered `parts` (P,); centres : (N, 3), the middles of all parts
+    poses_world_part : (..., P, 7); axes_at_zero : (P, 3, 3) of these parts, see `Surfaces`
     """
     scales, offsets, sizes = split(nuisances, views)
-    size = sizes[..., parts, None]
-    middles = poses.rotate(poses_world_part[..., 3:], centres[parts])
-    grown = np.concatenate(
-        [poses_world_part[..., :3] - size * middles, np.sqrt(1.0 + size) * poses_world_part[..., 3:]], axis=-1
-    )
     offset = offsets[..., view, :]
     true_camera = np.concatenate([offset[..., :3], poses.from_rotation_vector(offset[..., 3:])], axis=-1)
-    pose_true_camera_world = poses.inverse(poses.multiply(pose_world_camera, true_camera))
-    in_camera = poses.multiply(pose_true_camera_world[..., None, :], grown)
+    moved = poses.multiply(pose_world_camera, poses.inverse(poses.multiply(pose_world_camera, true_camera)))
+    placed = poses.to_matrix(poses.multiply(moved[..., None, :], poses_world_part))
     scale = (1.0 + scales[..., view])[..., None, None]
-    in_camera = np.concatenate([scale * in_camera[..., :3], np.sqrt(scale) * in_camera[..., 3:]], axis=-1)
-    return poses.multiply(pose_world_camera, in_camera)
+    matrix, origin = scale[..., None] * placed[..., :3, :3], placed[..., :3, 3]
+    if np.any(sizes):
+        matrix = matrix @ (np.eye(3) + np.einsum("pki,...k,pkj->...pij", axes_at_zero, sizes, axes_at_zero))
+    origin = pose_world_camera[:3] + scale * (origin - pose_world_camera[:3])
+    return np.concatenate([matrix.reshape(*matrix.shape[:-2], 9), origin], axis=-1)

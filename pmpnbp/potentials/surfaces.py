@@ -15,6 +15,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.potentials.kernels import splat_models
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.meshes import KEPT, content
+from pmpnbp.scene.sizes import axes_at_zero
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class Surfaces:
         its projected area and in random order, so that the first few are a smaller sample of the same kind
     areas : (N, D) float32, projected visible area, m²; zero for a part without geometry
     centres : (N, 3) middle of each part's bounding box
+    axes_at_zero : (N, 3, 3) of each part, rotation matrix from its frame to the root part's with all joints at zero
     vertices : (3, V) float32, all parts' vertices; vertex_offsets : (N + 1,) where each part's begin
     faces : (3, F) int32, counted from the part's first vertex; face_offsets : (N + 1,)
     one_sided : (F,) int32, 1 for faces of a closed surface, which turn their outward side to whoever sees them
@@ -33,6 +35,7 @@ class Surfaces:
     points: NDArray[np.float32]
     areas: NDArray[np.float32]
     centres: Array
+    axes_at_zero: Array
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
     one_sided: NDArray[np.int32]
@@ -51,7 +54,7 @@ class Surfaces:
 
 
 def _content(model: ArticulatedObject, *, directions: int = 256, points: int = 256) -> bytes:
-    return content([part.inference_mesh for part in model.parts], directions, points)
+    return content([part.inference_mesh for part in model.parts], directions, points) + axes_at_zero(model).tobytes()
 
 
 def _bytes(made: Surfaces) -> int:
@@ -91,6 +94,7 @@ def prepare_surfaces(model: ArticulatedObject, *, directions: int = 256, points:
         points=clouds,
         areas=areas,
         centres=centres,
+        axes_at_zero=axes_at_zero(model),
         vertices=np.ascontiguousarray(np.concatenate(vertices).T),
         faces=np.ascontiguousarray(np.concatenate(faces).T),
         one_sided=np.concatenate(one_sided),

@@ -86,14 +86,14 @@ def unary_scores(
     A part without geometry scores 0. Raises ValueError where a pose is not finite.
     """
     parts = np.ascontiguousarray(part, dtype=np.int32)
-    pose = _checked(poses_world_part, (len(parts), 7))
+    pose = _checked(poses_world_part, (len(parts),))
     if len(parts) and (parts.min() < 0 or parts.max() >= len(surfaces.centres)):
         raise ValueError(f"parts {parts.min()} to {parts.max()} were named; there are {len(surfaces.centres)}")
     out = np.zeros(len(parts))
     terms, robust = score.terms, score.form == "robust"
     used = min(points, surfaces.points.shape[-1])
     for number, view in enumerate(observation.views):
-        seen = _apparent(observation, surfaces, number, pose, parts, nuisances)
+        seen = _apparent(observation, number, pose, surfaces.axes_at_zero[parts], nuisances)
         if renderer == "splats":
             splatting.add_scores(_image(view), surfaces.splats, parts, seen, terms, robust, used, out)
         elif renderer == "rasteriser":
@@ -113,11 +113,11 @@ def object_scores(
     """Scores (B,) of whole objects, all parts drawn into one z-buffer. poses_world_part : (B, N, 7); nuisances : (K,)
     or (B, K), see `potentials/nuisances.py`, or None. Units as `unary_scores`."""
     nodes = len(surfaces.centres)
-    pose = _checked(poses_world_part, (len(poses_world_part), nodes, 7))
+    pose = _checked(poses_world_part, (len(poses_world_part), nodes))
     out = np.zeros(len(pose))
     robust = score.form == "robust"
     for number, view in enumerate(observation.views):
-        seen = _apparent(observation, surfaces, number, pose, np.arange(nodes), nuisances)
+        seen = _apparent(observation, number, pose, surfaces.axes_at_zero, nuisances)
         rasterised_scores.add_object_scores(_image(view), surfaces.mesh, seen, score.terms, robust, out)
     return out
 
@@ -143,10 +143,10 @@ def normal_equations(
     count, moved = poses_world_part.shape[:2]
     shape = count, len(gates), moved - 1
     nodes = len(surfaces.centres)
-    pose = _checked(poses_world_part, (count, moved, nodes, 7))
+    pose = _checked(poses_world_part, (count, moved, nodes))
     information, gradient = np.zeros((*shape, moved - 1)), np.zeros(shape)
     for number, view in enumerate(observation.views):
-        seen = _apparent(observation, surfaces, number, pose, np.arange(nodes), nuisances)
+        seen = _apparent(observation, number, pose, surfaces.axes_at_zero, nuisances)
         equations.add_normal_equations(
             _image(view), surfaces.mesh, seen, probes, score.terms, gates, steepest, information, gradient
         )
@@ -157,8 +157,8 @@ def render(
     camera: Camera, surfaces: Surfaces, poses_world_part: Array
 ) -> tuple[NDArray[np.float32], NDArray[np.int16]]:
     """Depth (h, w) float32, metres, 0 where nothing is, and part number (h, w) int16, -1 where nothing is, of the
-    parts at poses (N, 7), as `camera` sees them."""
-    pose = _checked(poses_world_part, (len(surfaces.centres), 7))
+    parts at poses (N, 7), or maps (N, 12) as of `nuisances.apparent`, as `camera` sees them."""
+    pose = _checked(poses_world_part, (len(surfaces.centres),), (7, 12))
     depth, number = rasteriser.object_depth(pose, _view(camera), surfaces.mesh)
     return depth, number
 
@@ -166,17 +166,17 @@ def render(
 def renders(
     observation: Observation, surfaces: Surfaces, poses_world_part: Array, nuisances: Array | None = None
 ) -> Iterator[tuple[View, Array, NDArray[np.float32], NDArray[np.int16]]]:
-    """For each view: the view; the part poses (N, 7) as it has them under `nuisances` (K,), see
-    `potentials/nuisances.py`; depth and part number as from `render`."""
-    pose = _checked(poses_world_part, (len(surfaces.centres), 7))
+    """For each view: the view; the parts at poses (N, 7) as it has them under `nuisances` (K,), which are maps (N, 12)
+    unless there are none, see `potentials/nuisances.py`; depth and part number as from `render`."""
+    pose = _checked(poses_world_part, (len(surfaces.centres),))
     for place, view in enumerate(observation.views):
-        seen = _apparent(observation, surfaces, place, pose, np.arange(len(pose)), nuisances)
+        seen = _apparent(observation, place, pose, surfaces.axes_at_zero, nuisances)
         yield view, seen, *render(view.camera, surfaces, seen)
 
 
 def render_part(camera: Camera, surfaces: Surfaces, part: int, pose_world_part: Array) -> NDArray[np.float32]:
-    """Depth (h, w), metres, 0 where nothing is, of one part alone at a pose (7,), as `camera` sees it."""
-    pose = _checked(pose_world_part, (7,))
+    """Depth (h, w), metres, 0 where nothing is, of one part alone at a pose (7,) or map (12,), as `camera` sees it."""
+    pose = _checked(pose_world_part, (), (7, 12))
     return rasteriser.part_depth(part, pose, _view(camera), surfaces.mesh)
 
 
@@ -219,27 +219,22 @@ def explained_share(observation: Observation, surfaces: Surfaces, poses_world_pa
 
 
 def _apparent(
-    observation: Observation,
-    surfaces: Surfaces,
-    number: int,
-    pose: Array,
-    parts: NDArray[np.integer],
-    nuisances: Array | None,
+    observation: Observation, number: int, pose: Array, axes_at_zero: Array, nuisances: Array | None
 ) -> Array:
-    """Poses (..., P, 7) of parts as view `number` has them."""
+    """Parts at poses (..., P, 7) as view `number` has them: these poses, or maps (..., P, 12) under nuisances."""
     if nuisances is None:
         return pose
-    camera, views = observation.views[number].camera.pose_world_camera, len(observation.views)
-    seen = apparent(nuisances, number, views, np.asarray(camera, dtype=np.float64), pose, parts, surfaces.centres)
-    return np.ascontiguousarray(seen)
+    camera = np.asarray(observation.views[number].camera.pose_world_camera, dtype=np.float64)
+    return np.ascontiguousarray(apparent(nuisances, number, len(observation.views), camera, pose, axes_at_zero))
 
 
-def _checked(pose: Array, shape: tuple[int, ...]) -> Array:
-    """Poses as the kernels take them. One that is not finite, or far beyond any scene, becomes a pixel no kernel can
-    look up; those read back from a recording are read-only, for which each kernel would be compiled once more."""
+def _checked(pose: Array, shape: tuple[int, ...], numbers: tuple[int, ...] = (7,)) -> Array:
+    """Poses (*shape, 7) as the kernels take them, or what else has so many `numbers`. One that is not finite, or far
+    beyond any scene, becomes a pixel no kernel can look up; those read back from a recording are read-only, for which
+    each kernel would be compiled once more."""
     pose = np.require(pose, np.float64, ("C", "W"))
-    if pose.shape != shape:
-        raise ValueError(f"poses have shape {pose.shape}; {shape} is expected")
+    if pose.shape not in [(*shape, count) for count in numbers]:
+        raise ValueError(f"poses have shape {pose.shape}; {(*shape, *numbers[:1])} is expected")
     if pose.size and not (pose.max() < 1e4 and pose.min() > -1e4):
         raise ValueError("a pose is not finite, or further than 10 km from the origin of the world")
     return pose

@@ -207,6 +207,7 @@ def place(problem: Problem, report: IterationReport, posterior: Posterior | None
 
     posterior : as `posterior.read_out` gave it, where it did
     """
+    problem = problem.taking(report.nuisances)
     model, belief = problem.mrf.model, report.belief
     root, joints = agreeing(problem, report)
     part_poses = model.part_poses(root, joints)
@@ -305,7 +306,7 @@ def estimate(
 def _nuisance_estimates(problem: Problem, root: Array, joints: Array) -> tuple[NuisanceEstimate, ...]:
     if problem.nuisances is None:
         return ()
-    names = nuisances.names(len(problem.observation.views), [part.name for part in problem.mrf.model.parts])
+    names = nuisances.names(len(problem.observation.views))
     stds = nuisance_stds(problem, root, joints)
     return tuple(
         NuisanceEstimate(names[k], float(problem.nuisances[k]), float(stds[k]), float(problem.nuisance_std[k]))

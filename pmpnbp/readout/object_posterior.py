@@ -59,6 +59,7 @@ class ModeDraws:
     """Draws of one mode of the object.
 
     roots : (K, 7); joints : (K, D); log_weights : (K,), their exponentials sum to 1
+    sizes : (K, 3), see `scene/sizes.py`; None where they are fixed
     log_evidence : of the mode: logarithm of the posterior's integral over it, up to what is the same for all modes
     effective_sample_size : how many draws of equal weight would tell as much
     """
@@ -66,6 +67,7 @@ class ModeDraws:
     roots: Array
     joints: Array
     log_weights: Array
+    sizes: Array | None
     log_evidence: float
     effective_sample_size: float
 
@@ -91,6 +93,7 @@ def mode_draws(rng: np.random.Generator, problem: Problem, root: Array, joints: 
         roots=roots,
         joints=within_limits(q, model.lower, model.upper, model.wraps),
         log_weights=drawn.log_weights,
+        sizes=problem.free_sizes(_nuisances(problem, free, drawn.rows[:, 6 + model.dof :])),
         log_evidence=drawn.log_integral,
         effective_sample_size=drawn.effective_sample_size,
     )
@@ -171,7 +174,7 @@ def confidence(problem: Problem) -> float:
 
 def log_posterior(problem: Problem, roots: Array, joints: Array, nuisances: Array | None = None) -> Array:
     """(C,) up to a constant, of root poses (C, 7) and joint vectors (C, D), under nuisances (C, K) or the problem's."""
-    part_poses = problem.mrf.model.part_poses(roots, joints)
+    part_poses = problem.part_poses(roots, joints, nuisances)
     # also where the inference scores by eq. 10, whose sum of distances is no logarithm of a likelihood
     scoring = replace(problem.score(problem.tolerance_end), form="robust")
     nuisances = problem.nuisances if nuisances is None else nuisances

@@ -27,6 +27,7 @@ from pmpnbp.readout.object_posterior import ModeDraws, log_posterior, mode_draws
 from pmpnbp.readout.particle_statistics import covariance
 from pmpnbp.readout.surface_distance import distances, part_surfaces, turn_agreement
 from pmpnbp.scene.articulated_object import ArticulatedObject, parts_of_links
+from pmpnbp.scene.sizes import resized
 
 # Modes are told at most, and what weighs less than this is none.
 MODES, LEAST_WEIGHT = 6, 1e-4
@@ -73,6 +74,7 @@ class Posterior:
     modes : heaviest first, their weights sum to 1
     effective_sample_size : of the draws of the estimate's own mode
     fit : whether what should be seen is seen
+    drawn_sizes : (K, 3) how much larger than its model each draw is, see `scene/sizes.py`; None where sizes are fixed
     """
 
     iteration: int
@@ -85,10 +87,20 @@ class Posterior:
     modes: tuple[ObjectMode, ...]
     effective_sample_size: float
     fit: Fit
+    drawn_sizes: Array | None = None
+
+    def part_poses(self, model: ArticulatedObject, draws: NDArray[np.int64]) -> Array:
+        """(C, N, 7) of the model's parts in the draws numbered `draws` (C,), in world."""
+        return self._drawn(model, draws).part_poses(self.drawn_roots[draws], self.drawn_joints[draws])
 
     def link_poses(self, model: ArticulatedObject) -> Array:
         """(K, L, 7) of the model's links in every draw, in world."""
-        return model.link_poses(model.part_poses(self.drawn_roots, self.drawn_joints), self.drawn_joints)
+        every = np.arange(len(self.log_weights))
+        return self._drawn(model, every).link_poses(self.part_poses(model, every), self.drawn_joints)
+
+    def _drawn(self, model: ArticulatedObject, draws: NDArray[np.int64]) -> ArticulatedObject:
+        """The model as large as each of some draws has it."""
+        return model if self.drawn_sizes is None else resized(model, self.drawn_sizes[draws])
 
     def even_draws(self, count: int) -> NDArray[np.int64]:
         """(count,) numbers of draws, each as often as it weighs: systematic resampling without a random offset."""
@@ -163,7 +175,7 @@ def of_estimate(problem: Problem, report: IterationReport) -> Posterior:
 
 
 def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -> Spread:
-    """About an estimate (7,), (D,)."""
+    """About an estimate (7,), (D,), whose nuisances the problem has taken."""
     model = problem.mrf.model
     weights = np.exp(posterior.log_weights)
     here = model.link_poses(model.part_poses(root, joints), joints)
@@ -175,7 +187,7 @@ def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -
     surfaces, parts = part_surfaces(model), parts_of_links(model)
     node = np.array([parts[link] for link in model.links])
     chosen = posterior.even_draws(DRAWS)
-    placed = model.part_poses(posterior.drawn_roots[chosen], posterior.drawn_joints[chosen])
+    placed = posterior.part_poses(model, chosen)
     at = model.part_poses(root, joints)
     expected = distances(surfaces, at, placed).mean(axis=0)[node]
     mode_roots = np.array([mode.root for mode in posterior.modes])
@@ -211,6 +223,7 @@ def at_rest(problem: Problem, report: IterationReport, before: Posterior | None)
     """The posterior of an iteration at rest: that of `before`, read out with the same problem, as long as the estimate
     has not moved since by what is rest."""
     if before is not None:
+        problem = problem.taking(report.nuisances)
         root, joints = agreeing(problem, report)
         moved = motions(problem, before.root, before.joints, root[None], joints[None])[0]
         if moved <= problem.settings.converged_motion:
@@ -273,6 +286,7 @@ def _mixture(iteration: int, places: list[tuple[Array, Array]], drawn: list[Mode
     log_weights = normalise(evidence)
     order = [k for k in np.argsort(-log_weights, kind="stable") if log_weights[k] > np.log(LEAST_WEIGHT) or k == 0]
     log_weights[order] = normalise(log_weights[order])
+    sizes = [sizes for k in order if (sizes := drawn[k].sizes) is not None]
     return Posterior(
         iteration=iteration,
         root=places[0][0],
@@ -286,4 +300,5 @@ def _mixture(iteration: int, places: list[tuple[Array, Array]], drawn: list[Mode
         ),
         effective_sample_size=drawn[0].effective_sample_size,
         fit=fit,
+        drawn_sizes=np.concatenate(sizes) if sizes else None,
     )

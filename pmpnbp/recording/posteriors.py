@@ -33,6 +33,8 @@ def posterior_arrays(posterior: Posterior) -> Arrays:
     found["mode_roots"] = np.array([mode.root for mode in modes])
     found["mode_joints"] = np.array([mode.joints for mode in modes])
     found["effective_sample_size"] = np.array([posterior.effective_sample_size])
+    if posterior.drawn_sizes is not None:
+        found["drawn_sizes"] = posterior.drawn_sizes
     found["fit"] = np.frombuffer(json.dumps(text).encode(), dtype=np.uint8)
     return {PREFIX + name: values for name, values in found.items()}
 
@@ -51,6 +53,7 @@ def to_posterior(iteration: int, arrays: Mapping[str, NDArray[Any]]) -> Posterio
         modes=tuple(ObjectMode(weight=float(weight), root=root, joints=joints) for weight, root, joints in modes),
         effective_sample_size=float(found["effective_sample_size"].item()),
         fit=Fit(**{**fit, **{name: tuple(fit[name]) for name in ("missed", "denied")}}),
+        drawn_sizes=found.get("drawn_sizes"),
     )
 
 
@@ -73,6 +76,7 @@ def _fits(problem: Problem, posterior: Posterior) -> bool:
         and are_numbers(posterior.joints, (dof,))
         and are_poses(posterior.drawn_roots, (draws, 7))
         and are_numbers(posterior.drawn_joints, (draws, dof))
+        and (posterior.drawn_sizes is None or _are_sizes(posterior.drawn_sizes, draws))
         and are_whole(mode, (draws,))
         and all(are_poses(one.root, (7,)) and are_numbers(one.joints, (dof,)) for one in posterior.modes)
     )
@@ -91,3 +95,7 @@ def _fits(problem: Problem, posterior: Posterior) -> bool:
         and 0 <= fit.explained <= 1
         and all(isinstance(name, str) for name in (*fit.missed, *fit.denied))
     )
+
+
+def _are_sizes(sizes: NDArray[Any], draws: int) -> bool:
+    return are_numbers(sizes, (draws, 3)) and bool(np.all(sizes > -1))

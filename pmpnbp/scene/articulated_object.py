@@ -172,7 +172,7 @@ class Edge:
         """Poses (..., 7) of the child in the parent for axis positions (..., K)."""
         pose = np.broadcast_to(poses.IDENTITY, (*axis_positions.shape[:-1], 7))
         for k in range(len(self.axes)):
-            pose = poses.multiply(pose, self.poses_before[k])
+            pose = poses.multiply(pose, self.poses_before[..., k, :])
             pose = poses.multiply(pose, axis_motion(self.revolute[k], self.axes[k], axis_positions[..., k]))
         return poses.multiply(pose, self.pose_after)
 
@@ -196,6 +196,7 @@ class ArticulatedObject:
     links : every link's name, from the root down (depth first); those without geometry may be in no part
     coordinate_names, lower, upper, wraps : (D,) the joint vector: `joint`, or `joint/x` for joints with several
     urdf : its text
+    sizes : (3,) how much larger it is than its URDF says, shares along the root part's axes; see `scene/sizes.py`
     """
 
     name: str
@@ -208,6 +209,7 @@ class ArticulatedObject:
     upper: Array
     wraps: NDArray[np.bool_]
     urdf: str = field(default="", repr=False)
+    sizes: Array = field(default_factory=lambda: np.zeros(3))
 
     @property
     def dof(self) -> int:
@@ -235,8 +237,8 @@ class ArticulatedObject:
         shape = np.broadcast_shapes(part_poses.shape[:-2], joint_positions.shape[:-1])
         found: dict[str, Array] = {}
         for index, part in enumerate(self.parts):
-            for link, pose_part_link in zip(part.links, part.poses_part_link, strict=True):
-                found[link] = poses.multiply(part_poses[..., index, :], pose_part_link)
+            for place, link in enumerate(part.links):
+                found[link] = poses.multiply(part_poses[..., index, :], part.poses_part_link[..., place, :])
         above = self._above_first_part()
         for joint in reversed(self.joints):
             if joint.child in above and joint.parent not in found:

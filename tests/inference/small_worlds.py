@@ -14,12 +14,13 @@ from pmpnbp.inference import problem as problems
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.surfaces import prepare_surfaces
 from pmpnbp.potentials.unary import render
-from pmpnbp.scene.articulated_object import ArticulatedObject, Edge, Joint
+from pmpnbp.scene.articulated_object import ArticulatedObject, Edge, Joint, Mesh
 from pmpnbp.scene.meshes import box, transformed
 from pmpnbp.scene.observation import Observation, Scan
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.parts import LinkSurface, assemble
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
+from pmpnbp.scene.sizes import axes_at_zero, resized
 from pmpnbp.settings import Settings, changed, preset
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -97,6 +98,20 @@ def cupboard() -> ArticulatedObject:
 def cupboard_truth() -> tuple[Array, Array]:
     """Root pose (7,) and joints (2,) of the cupboard in the scene that the tests look at."""
     return at(1.4, 0.1, 0.0, yaw=np.pi - 0.35), np.array([0.18, 0.6])
+
+
+def larger(model: ArticulatedObject, sizes: Array) -> ArticulatedObject:
+    """A model made anew with all its lengths, surfaces too, larger by shares `sizes` (3,) along the root's axes."""
+    made = resized(model, sizes)
+    stretches = [axes.T @ np.diag(1 + sizes) @ axes for axes in axes_at_zero(model)]
+    return replace(
+        made,
+        parts=tuple(
+            replace(part, mesh=mesh, inference_mesh=mesh)
+            for part, stretch in zip(made.parts, stretches, strict=True)
+            for mesh in [Mesh(part.inference_mesh.vertices @ stretch, part.inference_mesh.faces)]
+        ),
+    )
 
 
 def four_bar(width: float = 0.35, height: float = 0.25) -> ArticulatedObject:

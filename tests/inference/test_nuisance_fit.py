@@ -18,6 +18,7 @@ from pmpnbp.potentials import nuisances
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
+from pmpnbp.scene.sizes import resized
 from tests.inference import small_worlds as worlds
 
 MODEL = worlds.cupboard()
@@ -25,15 +26,17 @@ ROOT, JOINTS = worlds.cupboard_truth()
 TOLERANCE = 0.012
 
 
-def problem_of(scale: float = 1.0, offset: Array | None = None, **changes: float) -> Problem:
-    """Two views of the cupboard: the first measures all depths at a scale, the second's camera stands off by `offset`
-    (7,) from where it is said to stand."""
-    scans = []
+def problem_of(
+    scale: float = 1.0, offset: Array | None = None, sizes: Array | None = None, **changes: float
+) -> Problem:
+    """Two views of the cupboard, which is larger than its model by shares `sizes` (3,): the first measures all depths
+    at a scale, the second's camera stands off by `offset` (7,) from where it is said to stand."""
+    scans, there = [], MODEL if sizes is None else worlds.larger(MODEL, sizes)
     for number, eye in enumerate(((0.0, 0.0, 0.7), (0.3, 0.8, 0.6))):
         said = worlds.camera_at(eye, ROOT[:3] + [0.0, 0.0, 0.2])
         stands = poses.multiply(said.pose_world_camera, worlds.at() if offset is None or number == 0 else offset)
         true = replace(said, pose_world_camera=stands)
-        scan = worlds.scan(MODEL, MODEL.part_poses(ROOT, JOINTS), true)
+        scan = worlds.scan(there, there.part_poses(ROOT, JOINTS), true)
         depth = scan.depth * np.float32(scale if number == 0 else 1.0)
         scans.append(Scan(said, depth))
     roi = np.concatenate([ROOT[:3] - [0.6, 0.6, 0.1], ROOT[:3] + [0.6, 0.6, 0.8]])
@@ -74,6 +77,18 @@ def test_a_further_camera_is_found_where_it_stands() -> None:
     expected = poses.transform_points(poses.inverse(offset), middle)
     assert np.linalg.norm(moved - expected) < 0.006
     assert np.linalg.norm(root[:3] - ROOT[:3]) < 0.004
+
+
+def test_sizes_are_found_with_the_pose() -> None:
+    """A cupboard of other sizes than its model's: with the model as it is, its door hangs centimetres off."""
+    sizes = np.array([0.02, -0.02, 0.03])
+    root, joints, found = fit(problem_of(sizes=sizes, size_std=0.02))
+    taken = nuisances.split(found, 2)[2]
+    assert taken == pytest.approx(sizes, abs=0.006)
+    there, expected = resized(MODEL, taken), resized(MODEL, sizes)
+    off = there.part_poses(root, joints)[:, :3] - expected.part_poses(ROOT, JOINTS)[:, :3]
+    assert np.linalg.norm(off, axis=1).max() < 0.006
+    assert joints == pytest.approx(JOINTS, abs=0.02)
 
 
 def test_a_fit_is_never_worse_and_scores_as_the_problem_that_takes_it() -> None:

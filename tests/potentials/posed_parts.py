@@ -11,7 +11,7 @@ from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.potentials.surfaces import Surfaces
 from pmpnbp.potentials.unary import render
-from pmpnbp.scene.articulated_object import ArticulatedObject, Mesh, Part
+from pmpnbp.scene.articulated_object import ArticulatedObject, Edge, Mesh, Part
 from pmpnbp.scene.observation import CONTINUED, NO_DEPTH, OBJECT, OUTSIDE, SUPPORT, Observation, View
 
 NOTHING = Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32))
@@ -33,13 +33,19 @@ def shapes() -> dict[str, Mesh]:
 
 
 def object_of(meshes: list[Mesh]) -> ArticulatedObject:
-    """Parts without joints between them."""
+    """Parts that slide along the first one, each by itself."""
     names = tuple(f"part{k}" for k in range(len(meshes)))
-    none = np.zeros(0)
+    count = len(meshes) - 1
     parts = tuple(
         Part(name, (name,), poses.IDENTITY[None], mesh, mesh, 0.0) for name, mesh in zip(names, meshes, strict=True)
     )
-    return ArticulatedObject("parts", parts, (), (), names, (), none, none, np.zeros(0, dtype=np.bool_))
+    here, along = poses.IDENTITY[None], np.array([[1.0, 0.0, 0.0]])
+    one, none, no = np.ones(1), np.zeros(1), np.zeros(1, dtype=np.bool_)
+    edges = tuple(
+        Edge(0, k + 1, here, poses.IDENTITY, no, along, -one, one, no, np.array([k]), one, none) for k in range(count)
+    )
+    ends, wraps = np.ones(count), np.zeros(count, dtype=np.bool_)
+    return ArticulatedObject("parts", parts, edges, (), names, names[1:], -ends, ends, wraps)
 
 
 def random_poses(rng: np.random.Generator, shape: tuple[int, ...], centre: Array, spread: float) -> Array:

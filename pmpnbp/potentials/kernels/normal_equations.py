@@ -50,10 +50,10 @@ def _compared(room: Any, box: Any, stride: int, image: Any, terms: Any, patch_co
 
 @inner(error_model="numpy")
 def _moved_parts(before: Any, after: Any, moved: Any) -> None:
-    """Which of the parts are elsewhere at poses (N, 7) `after` than `before`."""
+    """Which of the parts are elsewhere at poses (N, 7) or maps (N, 12) `after` than `before`."""
     for node in range(len(before)):
         moved[node] = False
-        for k in range(7):
+        for k in range(before.shape[1]):
             moved[node] |= after[node, k] != before[node, k]
 
 

@@ -35,10 +35,7 @@ def rotation_rows(w: float, x: float, y: float, z: float) -> Any:
 
 @inner(error_model="numpy")
 def pose_in_camera(pose_camera_world: Any, pose_world_part: Any) -> Any:
-    """Rotation (nine elements, row by row) and translation (three) of pose_camera_part, from two poses (7,).
-
-    The part's may be a similarity: its quaternion's squared length is a scale of its surface.
-    """
+    """Rotation (nine elements, row by row) and translation (three) of pose_camera_part, from two poses (7,)."""
     px, py, pz, aw, ax, ay, az = pose_camera_world
     x, y, z, bw, bx, by, bz = pose_world_part
     r = rotation_rows(
@@ -54,6 +51,36 @@ def pose_in_camera(pose_camera_world: Any, pose_world_part: Any) -> Any:
         c[3] * x + c[4] * y + c[5] * z + py,
         c[6] * x + c[7] * y + c[8] * z + pz,
     )
+
+
+@inner(error_model="numpy")
+def map_in_camera(pose_camera_world: Any, map_world_part: Any) -> Any:
+    """As `pose_in_camera`, of a linear map of the part: (12,), nine elements row by row and where its origin goes."""
+    px, py, pz, w, x, y, z = pose_camera_world
+    a0, a1, a2, a3, a4, a5, a6, a7, a8, tx, ty, tz = map_world_part
+    c0, c1, c2, c3, c4, c5, c6, c7, c8 = rotation_rows(w, x, y, z)
+    return (
+        c0 * a0 + c1 * a3 + c2 * a6,
+        c0 * a1 + c1 * a4 + c2 * a7,
+        c0 * a2 + c1 * a5 + c2 * a8,
+        c3 * a0 + c4 * a3 + c5 * a6,
+        c3 * a1 + c4 * a4 + c5 * a7,
+        c3 * a2 + c4 * a5 + c5 * a8,
+        c6 * a0 + c7 * a3 + c8 * a6,
+        c6 * a1 + c7 * a4 + c8 * a7,
+        c6 * a2 + c7 * a5 + c8 * a8,
+        c0 * tx + c1 * ty + c2 * tz + px,
+        c3 * tx + c4 * ty + c5 * tz + py,
+        c6 * tx + c7 * ty + c8 * tz + pz,
+    )
+
+
+@inner(error_model="numpy")
+def placed_in_camera(pose_camera_world: Any, placed: Any) -> Any:
+    """As `pose_in_camera`, of an array that is a pose (7,) or a map (12,)."""
+    if len(placed) == 7:
+        return pose_in_camera(pose_camera_world, placed)
+    return map_in_camera(pose_camera_world, placed)
 
 
 @inner(error_model="numpy")

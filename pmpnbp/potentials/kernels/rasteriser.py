@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pmpnbp.potentials.kernels.compiling import inner, kernel
 from pmpnbp.potentials.kernels.pixel_scores import LANES
-from pmpnbp.potentials.kernels.projection import pose_in_camera, project
+from pmpnbp.potentials.kernels.projection import placed_in_camera, project
 from pmpnbp.potentials.kernels.triangles import SINGLE, row_stride, scan_clipped, scan_triangle
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
@@ -122,7 +122,7 @@ def draw_part(node: int, pose: Any, view: Any, mesh: Any, room: Any) -> Any:
     own_faces = _rows(faces, face_offsets[node], face_offsets[node + 1])
     if len(own_vertices[0]) == 0:
         return (0, -1, 0, -1), LANES
-    m = pose_in_camera(pose_camera_world, pose)
+    m = placed_in_camera(pose_camera_world, pose)
     box, near = project(own_vertices, m, lens, width, height, us, vs, ws)
     left, right, top, bottom = box
     if left > right or top > bottom:
@@ -150,7 +150,7 @@ def draw_object(poses: Any, view: Any, mesh: Any, room: Any, owner: Any, which: 
         boxes[node, 0], boxes[node, 1] = 0, -1
         if begin == end or (which is not None and not which[node]):
             continue
-        m = pose_in_camera(pose_camera_world, poses[node])
+        m = placed_in_camera(pose_camera_world, poses[node])
         box, near = project(_rows(vertices, begin, end), m, lens, width, height, us[begin:], vs[begin:], ws[begin:])
         if box[0] <= box[1] and box[2] <= box[3]:
             boxes[node, 0], boxes[node, 1], boxes[node, 2], boxes[node, 3] = box
@@ -168,7 +168,7 @@ def draw_object(poses: Any, view: Any, mesh: Any, room: Any, owner: Any, which: 
         own_faces = _rows(faces, face_offsets[node], face_offsets[node + 1])
         target = (buffer, owner, node, stride, right - left + 1, bottom - top + 1)
         if boxes[node, 4]:
-            m = pose_in_camera(pose_camera_world, poses[node])
+            m = placed_in_camera(pose_camera_world, poses[node])
             _draw_near(target, whole, lens, m, _rows(vertices, begin, end), own_faces)
         else:
             projected = (us[begin:], vs[begin:], ws[begin:])

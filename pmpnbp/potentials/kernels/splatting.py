@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pmpnbp.potentials.kernels.compiling import inner, kernel
 from pmpnbp.potentials.kernels.pixel_scores import distance_pixel, robust_pixel
-from pmpnbp.potentials.kernels.projection import pose_in_camera, single
+from pmpnbp.potentials.kernels.projection import map_in_camera, pose_in_camera, single
 
 # Points nearer than this to the camera's plane are not seen; sensors of this kind measure nothing there.
 NEAREST = np.float32(0.05)
@@ -75,6 +75,17 @@ def _sum_points(
     return total
 
 
+@inner(error_model="numpy")
+def _seen_along(m: Any, x: float, y: float, z: float) -> Any:
+    """A direction in the camera as it is in the part's frame: that which the inverse of `m` maps it to, times the
+    determinant. As many times longer it is, as much more a surface seen along it covers once it is mapped."""
+    return (
+        (m[4] * m[8] - m[5] * m[7]) * x + (m[7] * m[2] - m[8] * m[1]) * y + (m[1] * m[5] - m[2] * m[4]) * z,
+        (m[5] * m[6] - m[3] * m[8]) * x + (m[8] * m[0] - m[6] * m[2]) * y + (m[2] * m[3] - m[0] * m[5]) * z,
+        (m[3] * m[7] - m[4] * m[6]) * x + (m[6] * m[1] - m[7] * m[0]) * y + (m[0] * m[4] - m[1] * m[3]) * z,
+    )
+
+
 @kernel(error_model="numpy")
 def _add_range(
     start: int, stop: int, image: Any, splats: Any, part: Any, poses: Any, terms: Any, robust: bool, used: int, out: Any
@@ -92,14 +103,17 @@ def _add_range(
     for i in range(start, stop):
         node = part[i]
         pose = poses[i, 0], poses[i, 1], poses[i, 2], poses[i, 3], poses[i, 4], poses[i, 5], poses[i, 6]
-        m = pose_in_camera(camera, pose)
+        if poses.shape[1] == 7:
+            m = pose_in_camera(camera, pose)
+        else:
+            m = map_in_camera(camera, (*pose, poses[i, 7], poses[i, 8], poses[i, 9], poses[i, 10], poses[i, 11]))
         a, b, c = centres[node, 0], centres[node, 1], centres[node, 2]
         x = m[0] * a + m[1] * b + m[2] * c + m[9]
         y = m[3] * a + m[4] * b + m[5] * c + m[10]
         z = m[6] * a + m[7] * b + m[8] * c + m[11]
         # the ray from the camera to the centre, in the part's frame
-        along_x, along_y = m[0] * x + m[3] * y + m[6] * z, m[1] * x + m[4] * y + m[7] * z
-        cell = direction_cell(along_x, along_y, m[2] * x + m[5] * y + m[8] * z, grid)
+        a, b, c = _seen_along(m, x, y, z)
+        cell = direction_cell(a, b, c, grid)
         area = areas[node, cell]
         if area > 0.0:
             first = np.uint64(node * areas.shape[1] + cell) * np.uint64(3) * apart
@@ -107,8 +121,7 @@ def _add_range(
                 total = _sum_points(flat, first, apart, used, single(m), lens32, pixels, size, terms32, True)
             else:
                 total = _sum_points(flat, first, apart, used, single(m), lens32, pixels, size, terms32, False)
-            # a surface that a similarity enlarges covers as much more
-            area *= m[0] * m[0] + m[3] * m[3] + m[6] * m[6]
+            area *= np.sqrt((a * a + b * b + c * c) / (x * x + y * y + z * z))
             out[i] += float(total) * area * lens[0] * lens[1] / used
 
 

@@ -146,7 +146,7 @@ class Estimate(BaseModel):
         description="of each view, metres: standard deviation of its depths at the object, that the inference goes by"
     )
     nuisances: dict[str, NuisanceEstimate] = Field(
-        description="depth_scale/VIEW, camera/VIEW/AXIS and size/PART, where the settings leave them free"
+        description="depth_scale/VIEW, camera/VIEW/AXIS and size/AXIS, where the settings leave them free"
     )
     truth: dict[str, Any] | None = Field(None, description="errors, where the truth is known: ADD in metres by part")
     session_id: str = Field(description="the session")

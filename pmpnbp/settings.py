@@ -100,7 +100,11 @@ class Settings:
         0.0, "m", "further cameras are off by 0 give or take this, and turned as far; 0: by none", low=0, high=0.2
     )
     size_std: float = _setting(
-        0.0, "", "the object is larger than its model each way by a share, 0 give or take this; 0: by none", low=0, high=0.2
+        0.0,
+        "",
+        "the object is larger than its model each way by a share, 0 give or take this; 0: by none",
+        low=0,
+        high=0.2,
     )
     unary_scale: float = _setting(1.0, "", "lambda_r of eq. 10 where weights are not tempered", low=0)
     effective_share: float = _setting(

@@ -12,11 +12,13 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run
 from pmpnbp.inference.belief import IterationReport
+from pmpnbp.inference.nuisance_fit import fitted
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.particle_statistics import covariance
 from pmpnbp.readout.posterior import FEWEST_DRAWS, Posterior, at_rest, of_estimate, read_out, spread
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 from pmpnbp.scene.prior import UniformPrior
+from pmpnbp.scene.sizes import resized
 from tests.inference import small_worlds as worlds
 from tests.inference.small_worlds import X, articulated, at, block
 
@@ -78,6 +80,42 @@ def test_rivals_that_are_the_estimate_or_far_worse_are_no_modes(problem: Problem
     found = of_estimate(problem, report(problem, near, ROOT, elsewhere))
     assert len(found.modes) == 1 and found.modes[0].weight == 1.0
     assert np.all(found.mode == 0) and np.exp(found.log_weights).sum() == pytest.approx(1.0)
+
+
+def test_sizes_that_are_not_known_are_drawn_with_the_rest() -> None:
+    """A cupboard 2 or 3 % larger and smaller than its model: every draw is one of some size, and where the parts are
+    lies within the draws' spread. That their best explanation is off by more than four deviations has odds of a
+    thousand to one against, part by part."""
+    model, (root, joints) = worlds.cupboard(), worlds.cupboard_truth()
+    there = worlds.larger(model, np.array([0.02, -0.02, 0.03]))
+    problem = problems.build(
+        model,
+        worlds.seen(there, root, joints),
+        UniformPrior("upright"),
+        worlds.settings(size_std=0.02),
+        particles=20,
+        seed=5,
+    )
+    _, made = run.begin(problem)
+    at, q = root, joints
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        at, q, nuisances, _ = fitted(rng, problem, at, q, problem.schedule(100), problem.tolerance_end)
+        problem = problem.taking(nuisances)
+    placed = problem.mrf.part_poses(at, q)
+    told = replace(made, iteration=12, stage="belief propagation", map_poses=placed, map_joints=q, nuisances=nuisances)
+    found = of_estimate(problem, told)
+    assert found.drawn_sizes is not None and found.effective_sample_size > FEWEST_DRAWS
+    one = int(found.even_draws(1)[0])
+    alone = resized(model, found.drawn_sizes[one])
+    expected = alone.link_poses(
+        alone.part_poses(found.drawn_roots[one], found.drawn_joints[one]), found.drawn_joints[one]
+    )
+    np.testing.assert_allclose(found.link_poses(model)[one], expected, atol=1e-12)
+    covariances = spread(problem, found, at, q).covariances[:, :3, :3]
+    off = there.part_poses(root, joints)[:, :3] - placed[:, :3]
+    assert np.all(np.einsum("li,lij,lj->l", off, np.linalg.inv(covariances), off) < 16)
+    assert np.sqrt(np.trace(covariances, axis1=1, axis2=2)).max() < 0.008
 
 
 def test_a_spread_is_that_of_the_draws_about_the_estimate(problem: Problem) -> None:

@@ -28,7 +28,7 @@ from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 # A pixel's score 1 - (d / tau)^2 counts as a Gaussian's logarithm with a standard deviation of FLOOR, metres, and so
 # many times the depths' own: pixels share their errors with their neighbours (steps of depth, outlines, the mesh), so
 # that each says less than its noise would have it. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
-FLOOR, SHARED = 0.0068, 2.0
+FLOOR, SHARED = 0.0061, 1.8
 # Share of a pixel of the working image that its grain hides: outlines are told by whole pixels, which no number of them
 # averages out, as an edge may run along a row.
 GRAIN = 0.009

@@ -159,6 +159,11 @@ class IterationReport:
     rivals: Float[Array, "rivals configuration"] | None = None
     search_after: int = 0
 
+    @property
+    def searching(self) -> bool:
+        """Whether the estimate is on its way: there is no posterior about it yet."""
+        return self.stage in ("start", "search")
+
     @classmethod
     def of(
         cls,

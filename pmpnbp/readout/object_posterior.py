@@ -21,6 +21,7 @@ from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature
 from pmpnbp.potentials.unary import object_scores
+from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.free_turn import free_turn, turned_anyhow
 from pmpnbp.readout.importance_sampling import Grid, LogDensity, Proposal, adaptive_importance
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
@@ -72,12 +73,14 @@ class ModeDraws:
     effective_sample_size: float
 
 
-def mode_draws(rng: np.random.Generator, problem: Problem, root: Array, joints: Array) -> ModeDraws:
-    """Draws about a mode's best configuration (7,), (D,)."""
+def mode_draws(
+    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, checkpoint: Checkpoint = go_on
+) -> ModeDraws:
+    """Draws about a mode's best configuration (7,), (D,). Raises what `checkpoint` does, called before each round."""
     model = problem.mrf.model
     free = np.flatnonzero(problem.nuisance_std)
     information = _information(problem, root, joints, problem.tolerance_end, free, LOOSE)
-    density = _density(problem, root, joints, free)
+    density = _density(problem, root, joints, free, checkpoint)
     covariance = _scanned(density, np.asarray(np.linalg.inv(information), dtype=np.float64))
     grids = _grids(problem, root, joints, np.diag(information)[6 : 6 + model.dof] ** -0.5)
     lower, upper = _limits(problem, joints, len(free))
@@ -126,12 +129,16 @@ def _grain(problem: Problem, root: Array, joints: Array) -> Array:
     return GRAIN * footprint * np.where(turns, 1 / reach, 1.0)
 
 
-def _density(problem: Problem, root: Array, joints: Array, free: NDArray[np.int64]) -> LogDensity:
-    """The log posterior of offsets (C, 6 + D + F) to a configuration (7,), (D,) and to the `free` nuisances (F,)."""
+def _density(
+    problem: Problem, root: Array, joints: Array, free: NDArray[np.int64], checkpoint: Checkpoint
+) -> LogDensity:
+    """The log posterior of offsets (C, 6 + D + F) to a configuration (7,), (D,) and to the `free` nuisances (F,);
+    `checkpoint` is called before each lot of them."""
     model = problem.mrf.model
     lower, upper = _limits(problem, joints, len(free))
 
     def log_density(offsets: Array) -> Array:
+        checkpoint()
         found = np.full(len(offsets), -np.inf)
         inside = np.all((offsets >= lower) & (offsets <= upper), axis=1)
         if inside.any():

@@ -21,6 +21,7 @@ from pmpnbp.inference.log_weights import normalise
 from pmpnbp.inference.mrf import part_motions
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import agreeing, polish
+from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.denied_parts import drawn_anew, moving
 from pmpnbp.readout.fit import Fit, assess
 from pmpnbp.readout.object_posterior import ModeDraws, log_posterior, mode_draws
@@ -150,25 +151,28 @@ class Spread:
         return found
 
 
-def read_out(problem: Problem, report: IterationReport) -> Posterior | None:
-    """The posterior about the estimate of an iteration; None during the search, whose estimate is on its way."""
-    return None if report.stage in ("start", "search") else of_estimate(problem, report)
+def read_out(problem: Problem, report: IterationReport, checkpoint: Checkpoint = go_on) -> Posterior | None:
+    """The posterior about the estimate of an iteration; None during the search, whose estimate is on its way. Raises
+    what `checkpoint` does."""
+    return None if report.searching else of_estimate(problem, report, checkpoint)
 
 
-def of_estimate(problem: Problem, report: IterationReport) -> Posterior:
+def of_estimate(problem: Problem, report: IterationReport, checkpoint: Checkpoint = go_on) -> Posterior:
     """The posterior about the estimate of an iteration, whatever its stage. The same problem and report give the same
-    numbers."""
+    numbers. Raises what `checkpoint` does, which is called between rounds of draws and between modes."""
     problem = problem.taking(report.nuisances)
     root, joints = agreeing(problem, report)
     rng = np.random.default_rng([problem.seed, report.iteration, 1])
-    drawn = [mode_draws(rng, problem, root, joints)]
+    drawn = [mode_draws(rng, problem, root, joints, checkpoint)]
     places = [(root, joints)]
+    checkpoint()
     for rival in _contenders(rng, problem, report, root, joints):
         if len(drawn) < MODES and not any(
             _same(problem, rival, place, draws) for place, draws in zip(places, drawn, strict=True)
         ):
             places.append(rival)
-            drawn.append(mode_draws(rng, problem, *rival))
+            drawn.append(mode_draws(rng, problem, *rival, checkpoint))
+    checkpoint()
     found = _mixture(report.iteration, places, drawn, assess(problem, root, joints))
     denied = found.denied(problem.mrf.model)
     return replace(found, drawn_joints=drawn_anew(rng, problem, root, joints, denied, found.drawn_joints))
@@ -219,16 +223,18 @@ def link_modes(model: ArticulatedObject, posterior: Posterior) -> list[list[tupl
     return found
 
 
-def at_rest(problem: Problem, report: IterationReport, before: Posterior | None) -> Posterior | None:
+def at_rest(
+    problem: Problem, report: IterationReport, before: Posterior | None, checkpoint: Checkpoint = go_on
+) -> Posterior | None:
     """The posterior of an iteration at rest: that of `before`, read out with the same problem, as long as the estimate
-    has not moved since by what is rest."""
+    has not moved since by what is rest. Raises what `checkpoint` does."""
     if before is not None:
         problem = problem.taking(report.nuisances)
         root, joints = agreeing(problem, report)
         moved = motions(problem, before.root, before.joints, root[None], joints[None])[0]
         if moved <= problem.settings.converged_motion:
             return before
-    return read_out(problem, report)
+    return read_out(problem, report, checkpoint)
 
 
 def _contenders(

@@ -14,8 +14,10 @@ from pmpnbp.inference import run
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.nuisance_fit import fitted
 from pmpnbp.inference.problem import Problem
+from pmpnbp.readout.checkpoint import Checkpoint
 from pmpnbp.readout.particle_statistics import covariance
 from pmpnbp.readout.posterior import FEWEST_DRAWS, Posterior, at_rest, of_estimate, read_out, spread
+from pmpnbp.recording.posteriors import posterior_arrays
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.scene.sizes import resized
@@ -159,6 +161,37 @@ def test_the_same_report_gives_the_same_posterior(problem: Problem) -> None:
     for name in ("drawn_roots", "drawn_joints", "log_weights", "mode"):
         np.testing.assert_array_equal(getattr(once, name), getattr(again, name))
     assert [mode.weight for mode in once.modes] == [mode.weight for mode in again.modes]
+
+
+class Ended(Exception):
+    """What a checkpoint raises."""
+
+
+def ended_after(calls: int) -> Checkpoint:
+    """A checkpoint that lets so many calls pass."""
+    left = iter(range(calls))
+
+    def checkpoint() -> None:
+        if next(left, None) is None:
+            raise Ended
+
+    return checkpoint
+
+
+def test_a_read_out_that_was_ended_anywhere_comes_to_the_same_numbers_anew(problem: Problem) -> None:
+    told, passed = report(problem, TURNED), []
+    whole = posterior_arrays(of_estimate(problem, told))
+    asked = posterior_arrays(of_estimate(problem, told, lambda: passed.append(None)))
+    assert len(passed) > 2 * len(whole["posterior.mode_weights"]) > 2  # in every mode, and between them
+    for name, values in whole.items():
+        np.testing.assert_array_equal(asked[name], values)
+    for calls in range(len(passed)):
+        with pytest.raises(Ended):
+            at_rest(problem, told, None, ended_after(calls))
+    anew = at_rest(problem, told, None, ended_after(len(passed)))
+    assert anew is not None
+    for name, values in posterior_arrays(anew).items():
+        np.testing.assert_array_equal(values, whole[name])
 
 
 def test_too_few_draws_that_count_or_a_bad_fit_are_nothing_to_build_on(problem: Problem) -> None:

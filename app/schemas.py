@@ -200,6 +200,10 @@ class Progress(BaseModel):
     fit_reason: FitReason
     error: str | None = Field(description="one sentence, where it is failed")
     position: int | None = Field(description="place among those that wait, 1 for the next; null where it does not")
+    reading_out: bool = Field(
+        description="whether the posterior of an iteration at rest has been in the making for over half a second: that "
+        "iteration comes once it is read out, and a call that changes the session does not wait for it"
+    )
 
 
 class Session(Progress):

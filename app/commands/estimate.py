@@ -15,7 +15,7 @@ from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.commands.progress import Progress, announce
+from app.commands.progress import Progress, announce, reading_out
 from pmpnbp.errors import PmpnbpError, RecordingError, ScanError, SettingError
 
 if TYPE_CHECKING:
@@ -71,11 +71,16 @@ def run(arguments: argparse.Namespace) -> int:
     assert step is not None
     criteria = Criteria(max_std=arguments.max_std, truth=truth)
     elapsed = time.perf_counter() - began
-    found = snapshot(problem, step.report, criteria, converged=step.converged, elapsed=elapsed).read_out
+    found = snapshot(problem, step.report, criteria, converged=step.converged, elapsed=elapsed)
+    try:
+        found = found.read_out(reading_out(arguments.quiet))
+    except KeyboardInterrupt:  # the estimate is there; nothing tells how sure it is
+        interrupted = True
     _keep(found, arguments.recording)
     result = found.result
     if not arguments.quiet:
-        sys.stderr.write(verdict(result) + "\n")
+        missing = found.placed.posterior is None and not found.report.searching
+        sys.stderr.write(("No verdict: the read-out was interrupted" if missing else verdict(result)) + "\n")
     if arguments.out is not None or not interrupted:
         _write(result, arguments.out)
     if arguments.draws is not None:
@@ -194,7 +199,8 @@ def _write_draws(found: Snapshot, path: Path) -> None:
     from pmpnbp.readout.arviz_export import to_inference_data
 
     if found.placed.posterior is None:
-        sys.stderr.write(f"--draws '{path.name}' is not written: during the search there is no posterior\n")
+        why = "during the search there is no posterior" if found.report.searching else "its read-out was interrupted"
+        sys.stderr.write(f"--draws '{path.name}' is not written: {why}\n")
         return
     problem = found.problem
     of_run = {"method": problem.method, "seed": problem.seed, "frame_id": problem.observation.frame_id}

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +17,8 @@ if TYPE_CHECKING:  # importing it would already compile a kernel, before a word 
     from pmpnbp.inference.belief import IterationReport
 
 
+# Seconds after which the read-out is told of: most are over by then.
+SOON = 0.5
 # Modules whose kernels every run needs, and which take longest to compile.
 _NEEDED = ("rasteriser", "splatting", "joint_sums")
 
@@ -39,6 +43,21 @@ def announce(quiet: bool) -> None:
     if not quiet and not kernels_compiled():
         sys.stderr.write("compiling kernels, once; this takes about a minute\n")
         sys.stderr.flush()
+
+
+def reading_out(quiet: bool) -> Callable[[], None]:
+    """The checkpoint of a read-out that begins now: says so once, where it takes long."""
+    began = time.monotonic()
+    told = quiet
+
+    def checkpoint() -> None:
+        nonlocal told
+        if not told and time.monotonic() - began > SOON:
+            told = True
+            sys.stderr.write("reading out the posterior ...\n")
+            sys.stderr.flush()
+
+    return checkpoint
 
 
 class Progress:

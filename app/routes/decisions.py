@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from typing import Annotated, Any
 
 import numpy as np
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Query
 
 from app import schemas_results as schemas
 from app.next_views import WORTH, next_views, ranking, uncertain
 from app.problems import HttpProblem, responses
-from app.routes.parameters import Iteration, SessionId, check_links, read
+from app.routes.parameters import Told, check_links
 from app.schemas import DecisionRequest
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
@@ -33,8 +33,7 @@ router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"])
     responses=responses(409, status_404="The session or a link is not here."),
 )
 def get_decision(
-    session_id: SessionId,
-    request: Request,
+    told: Told,
     links: Annotated[
         str | None, Query(description="names of the links, separated by commas; default: all", examples=["drawer3"])
     ] = None,
@@ -42,13 +41,12 @@ def get_decision(
         float | None,
         Query(gt=0, le=1e6, description="metres; default: the session's", examples=[SessionOptions.max_std]),
     ] = None,
-    iteration: Iteration = None,
 ) -> Any:
     """By the newest iteration, or the one that is named: act where every asked link is certain, no_fit where what
     should be seen is not seen, else look, with views from around the object, that tell most first. The posterior is
     read out for it, where the inference is not at rest; during the search there is none, and nothing to act on."""
     asked = None if links is None else list(dict.fromkeys(links.split(",")))
-    return _decided(session_id, request, iteration, asked, max_std, None)
+    return _decided(told, asked, max_std, None)
 
 
 @router.post(
@@ -57,24 +55,18 @@ def get_decision(
     summary="Act, or from which of these places to look again?",
     responses=responses(409, status_404="The session or a link is not here."),
 )
-def post_decision(session_id: SessionId, request: Request, body: DecisionRequest) -> Any:
+def post_decision(told: Told, body: DecisionRequest) -> Any:
     """The same with the planner's own views, each with a camera's pose in world and what it costs to get there: they
     are ranked by what they are expected to tell over their cost."""
     views = None if body.views is None else [PlannedView(_pose(view.pose), view.cost) for view in body.views]
     asked = None if body.links is None else list(dict.fromkeys(body.links))
-    return _decided(session_id, request, None, asked, body.max_std, views)
+    return _decided(told, asked, body.max_std, views)
 
 
 def _decided(
-    session_id: str,
-    request: Request,
-    iteration: int | None,
-    links: Sequence[str] | None,
-    max_std: float | None,
-    views: Sequence[PlannedView] | None,
+    told: Told, links: Sequence[str] | None, max_std: float | None, views: Sequence[PlannedView] | None
 ) -> dict[str, Any]:
-    session, snapshot = read(request, session_id, iteration)
-    snapshot = snapshot.read_out
+    session, snapshot = told
     asked = [*snapshot.problem.mrf.model.links] if links is None else [*links]
     check_links(snapshot, asked)
     limit = snapshot.criteria.max_std if max_std is None else max_std

@@ -4,6 +4,7 @@ and what the call gets for it.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterable
 from typing import Annotated
 
@@ -56,6 +57,37 @@ def read(
     snapshot = session.archive.read(iteration)
     check_links(snapshot, links)
     return session, snapshot
+
+
+async def read_out(request: Request, source: Source, snapshot: Snapshot) -> Snapshot:
+    """The snapshot with its posterior, for calls in the event loop: it is read out elsewhere, for as long as the client
+    stays. HttpProblem 409."""
+    asked = asyncio.wrap_future(source.read_outs.ask(snapshot))
+    gone = asyncio.ensure_future(_gone(request))
+    try:
+        await asyncio.wait((asked, gone), return_when=asyncio.FIRST_COMPLETED)
+        if not asked.done():
+            raise HttpProblem(408, "the client has gone before its answer was there")
+        return asked.result()
+    finally:
+        asked.cancel()
+        gone.cancel()
+
+
+async def _gone(request: Request) -> None:
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
+
+
+async def _told(request: Request, session_id: SessionId, iteration: Iteration = None) -> tuple[Source, Snapshot]:
+    source = await find_source(request, session_id)
+    snapshot = await anyio.to_thread.run_sync(source.archive.read, iteration)
+    return source, await read_out(request, source, snapshot)
+
+
+# A session and an iteration of it, default: the newest, with its posterior where it is not of the search; what follows
+# from it needs a thread. HttpProblem 404, 408 and 409.
+Told = Annotated[tuple[Source, Snapshot], Depends(_told)]
 
 
 def check_links(snapshot: Snapshot, links: Iterable[str]) -> None:

@@ -18,7 +18,17 @@ from app import schemas_results as schemas
 from app.documentation import BINARY, answer
 from app.particle_files import MEDIA_TYPES, Format, written
 from app.problems import HttpProblem, responses
-from app.routes.parameters import Iteration, Link, SessionId, find_source, read, sessions_of
+from app.routes.parameters import (
+    Iteration,
+    Link,
+    SessionId,
+    Told,
+    check_links,
+    find_source,
+    read,
+    read_out,
+    sessions_of,
+)
 from app.routes.recordings import MEDIA_TYPE
 from app.sessions.source import Source
 from app.store.store import safe_name
@@ -72,15 +82,11 @@ async def get_estimate(
         snapshot = await anyio.to_thread.run_sync(_asked_for, session, iteration, wait, timeout)
     tail = json_bytes({"session_id": session.id, "state": session.state})
     if posterior:
-        snapshot = await anyio.to_thread.run_sync(_read_out, snapshot)
+        snapshot = await read_out(request, session, snapshot)
     text = snapshot.known_text
     if text is None:
         text = await anyio.to_thread.run_sync(_result_text, snapshot)
     return Response(text[:-1] + b"," + tail[1:], media_type="application/json")
-
-
-def _read_out(snapshot: Snapshot) -> Snapshot:
-    return snapshot.read_out
 
 
 def _result_text(snapshot: Snapshot) -> bytes:
@@ -136,13 +142,12 @@ def get_belief(
     responses=answer("The draws.", model=schemas.PosteriorDraws, content=_FILES)
     | responses(409, status_404="The session, the link or the iteration is not here, or it is of the search."),
 )
-def get_posterior(
-    session_id: SessionId, link: Link, request: Request, iteration: Iteration = None, form: FormatQuery = "json"
-) -> Response:
+def get_posterior(told: Told, link: Link, form: FormatQuery = "json") -> Response:
     """Draws of the posterior: poses of the link in world, metres, with log weights. Draw i of every link is of one
     configuration of the whole object. During the search there is none; before rest it is read out for this call."""
-    session, snapshot = read(request, session_id, iteration, [link])
-    snapshot, posterior = _posterior_of(snapshot)
+    session, snapshot = told
+    check_links(snapshot, [link])
+    posterior = _posterior_of(snapshot)
     model = snapshot.problem.mrf.model
     draws = posterior.link_poses(model)[:, model.links.index(link)]
     members = _members(session, snapshot) | {"link": link, "posterior_iteration": posterior.iteration}
@@ -157,9 +162,7 @@ def get_posterior(
     responses=responses(409, status_404="The session, a link or the iteration is not here, or it is of the search."),
 )
 def get_posterior_coordinates(
-    session_id: SessionId,
-    request: Request,
-    iteration: Iteration = None,
+    told: Told,
     links: Annotated[
         str | None,
         Query(description="names of links, separated by commas; default: the joints alone", examples=["drawer2"]),
@@ -168,8 +171,9 @@ def get_posterior_coordinates(
     """Positions of the joints, and where the asked links are and how they are turned, in every draw of the posterior:
     what to set against each other, to see what the scan ties together."""
     asked = [] if links is None else list(dict.fromkeys(links.split(",")))
-    session, snapshot = read(request, session_id, iteration, asked)
-    snapshot, posterior = _posterior_of(snapshot)
+    session, snapshot = told
+    check_links(snapshot, asked)
+    posterior = _posterior_of(snapshot)
     found = coordinates(snapshot.problem.mrf.model, posterior, snapshot.placed, asked)
     return without_nan(
         {
@@ -279,13 +283,12 @@ def _chunks(file: BinaryIO) -> Iterator[bytes]:
             yield chunk
 
 
-def _posterior_of(snapshot: Snapshot) -> tuple[Snapshot, Posterior]:
-    """The snapshot read out, and its posterior. HttpProblem 404 during the search."""
-    snapshot = snapshot.read_out
+def _posterior_of(snapshot: Snapshot) -> Posterior:
+    """The posterior of a snapshot that was read out. HttpProblem 404 during the search."""
     posterior = snapshot.placed.posterior
     if posterior is None:
         raise HttpProblem(404, f"iteration {snapshot.iteration} ({snapshot.report.stage}) has no posterior")
-    return snapshot, posterior
+    return posterior
 
 
 def _members(session: Source, snapshot: Snapshot) -> dict[str, Any]:

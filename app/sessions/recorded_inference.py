@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 
+from app.sessions.long_read_out import GaveWay, LongReadOut
 from pmpnbp.inference import run as engine
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.run import Step
@@ -19,14 +20,20 @@ class RecordedInference:
 
     number : a number for the event of the next iteration
     announce : told of each iteration once it is in the recording, by another thread, except for iteration 0
+    long_read_out : what the read-out of an iteration at rest gives way to
     """
 
     def __init__(
-        self, archive: IterationArchive, number: Callable[[], int], announce: Callable[[Snapshot], None]
+        self,
+        archive: IterationArchive,
+        number: Callable[[], int],
+        announce: Callable[[Snapshot], None],
+        long_read_out: LongReadOut,
     ) -> None:
         self._archive = archive
         self._number = number
         self._announce = announce
+        self._long_read_out = long_read_out
         self._step: Step | None = None
         self._newest: Snapshot | None = None
         # seconds of wall time that making, reading out and handing over all iterations took
@@ -55,20 +62,27 @@ class RecordedInference:
         """The newest iteration's number."""
         return self._archive.iteration if self._newest is None else self._newest.iteration
 
-    def advance(self) -> None:
-        """Make the next iteration, with what is in force now, and hand it to the recording."""
+    def advance(self) -> bool:
+        """Make the next iteration, with what is in force now, and hand it to the recording. False where its read-out
+        gave way: then it was not made, and the next call makes it anew, to the same numbers."""
         began, before = time.perf_counter(), self.newest
         step = self._step or self._archive.resume()
         problem = self._archive.problem(step.iteration + 1)
         if problem is not before.problem:
             step = engine.resumed(step.state, [step.report], problem)  # whether it is at rest is decided anew
-        self._step = engine.following(step, problem)
+        self._step = step
+        following = engine.following(step, problem)
         made = time.perf_counter() - began
-        self._newest = self._read_out(self._step, problem, before.criteria, self._elapsed + made, before)
+        try:
+            newest = self._read_out(following, problem, before.criteria, self._elapsed + made, before)
+        except GaveWay:
+            return False
+        self._step, self._newest = following, newest
         if before.known_text is not None:
             _ = self._newest.result_text  # who asked for the one before will ask for this one, and need not wait
         self._archive.add(self._step, self._newest, partial(self._announce, self._newest))
         self._elapsed += time.perf_counter() - began
+        return True
 
     def forget(self) -> None:
         """Go on from the recording: what was not written was not made."""
@@ -80,7 +94,8 @@ class RecordedInference:
         posterior = None
         if step.converged:
             known = before.placed.posterior if before is not None and before.problem is problem else None
-            posterior = at_rest(problem, step.report, known)
+            with self._long_read_out.begun() as checkpoint:
+                posterior = at_rest(problem, step.report, known, checkpoint)
         return snapshot(
             problem,
             step.report,

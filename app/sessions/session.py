@@ -22,6 +22,7 @@ from app.sessions import document as documents
 from app.sessions.document import Document
 from app.sessions.events import Event, Events
 from app.sessions.goal import Goal
+from app.sessions.long_read_out import LongReadOut
 from app.sessions.recorded_inference import RecordedInference
 from app.sessions.run_queue import RunQueue
 from app.sessions.source import Source, no_view
@@ -66,7 +67,8 @@ class Session(Source):
         self._until: Until = "iterations"
         self._announced: tuple[object, ...] = ()
         # of the thread alone
-        self._inference = RecordedInference(archive, self.events.number, self._announce)
+        self._long_read_out = LongReadOut(lambda: self._worker.awaited, self._tell)
+        self._inference = RecordedInference(archive, self.events.number, self._announce, self._long_read_out)
         self._turn = 0
 
     def begin(self, problem: Problem, inputs: Inputs) -> None:
@@ -103,7 +105,8 @@ class Session(Source):
         return goal.done
 
     def pause(self) -> Future[None]:
-        """Stop after the present iteration; the future is done when that is in the recording."""
+        """Stop after the present iteration, or before it where it is being read out; the future is done when what was
+        made is in the recording."""
         return self._submit(self._pause)
 
     def reset(self) -> Future[None]:
@@ -122,6 +125,7 @@ class Session(Source):
         """Stop after the present iteration, keep everything, end the event streams. A second call does nothing."""
         with self._lock:
             self._closed = True
+        self.read_outs.close()
         self._worker.finish(self._pause)
         self.events.close()
 
@@ -206,7 +210,8 @@ class Session(Source):
             self._tell("running")
             if self._inference.iteration % TURN == 0:
                 documents.check_room(self._store)
-            self._inference.advance()
+            if not self._inference.advance():
+                return
             self._turn += 1
             if goal.reached(self._inference.newest, changed=False):
                 self._rest("paused")
@@ -250,7 +255,8 @@ class Session(Source):
         with self._lock:
             self.state = state or self.state
             place, changes = self._slots.position(self), self.archive.changes
-            announced = (self.state, place, self._target, self._until, self._error, changes)
+            reading = self._long_read_out.underway
+            announced = (self.state, place, self._target, self._until, self._error, changes, reading)
             if announced == self._announced:
                 return
             self._announced = announced
@@ -334,4 +340,5 @@ class Session(Source):
             "fit_reason": None if changed else row["fit_reason"],
             "error": self._error,
             "position": self._slots.position(self) if self.state == "waiting" else None,
+            "reading_out": self._long_read_out.underway,
         }

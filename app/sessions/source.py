@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from app.problems import HttpProblem
 from app.sessions.events import Events
+from app.sessions.read_outs import ReadOuts
 from pmpnbp.recording import IterationArchive
 from pmpnbp.scene.observation import Scan
 
@@ -29,6 +30,7 @@ class Source(ABC):
         self.id = id
         self.events = events
         self.archive = archive
+        self.read_outs = ReadOuts(f"{self.kind} '{id}'")
 
     @property
     def idle(self) -> bool:

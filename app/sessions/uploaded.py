@@ -90,6 +90,7 @@ class UploadedRecording(Source):
             "fit_reason": row["fit_reason"],
             "error": self.archive.damage,
             "position": None,
+            "reading_out": False,
         }
 
     def changes(self) -> list[dict[str, Any]]:
@@ -107,7 +108,8 @@ class UploadedRecording(Source):
         return scans[view]
 
     def close(self) -> None:
-        """End the event streams."""
+        """End the event streams, and read-outs."""
+        self.read_outs.close()
         self.events.close()
         self.archive.close()
 

@@ -35,7 +35,11 @@ class Worker:
     """
 
     def __init__(
-        self, name: str, pursue: Callable[[], bool], leave: Callable[[], None], nudge: Callable[[], None]
+        self,
+        name: str,
+        pursue: Callable[[], bool] = lambda: False,
+        leave: Callable[[], None] = lambda: None,
+        nudge: Callable[[], None] = lambda: None,
     ) -> None:
         self._name = name
         self._pursue = pursue
@@ -45,6 +49,11 @@ class Worker:
         self._commands: deque[Callable[[], None]] = deque()
         self._thread: threading.Thread | None = None
         self._awake = False
+
+    @property
+    def awaited(self) -> bool:
+        """Whether a command waits for the thread."""
+        return bool(self._commands)
 
     def submit(self, action: Callable[[], Kind]) -> Future[Kind]:
         """Have `action` done after the commands before it; the future has its result, or what it raised."""

@@ -14,6 +14,7 @@ from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout import estimate as readout
+from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.estimate import Placement, place
 from pmpnbp.readout.posterior import Posterior, read_out
 from pmpnbp.readout.result import to_result
@@ -51,12 +52,12 @@ class Snapshot:
     row: Row
     row_text: bytes
 
-    @cached_property
-    def read_out(self) -> Snapshot:
-        """The same with its posterior, also where it is not at rest; without one still during the search."""
+    def read_out(self, checkpoint: Checkpoint = go_on) -> Snapshot:
+        """The same with its posterior, also where it is not at rest; without one still during the search. Raises what
+        `checkpoint` does."""
         if self.placed.posterior is not None:
             return self
-        posterior = read_out(self.problem, self.report)
+        posterior = read_out(self.problem, self.report, checkpoint)
         if posterior is None:
             return self
         return snapshot(

@@ -50,7 +50,7 @@ def scene(seed: int = 11, iterations: int = 5) -> Scene:
         snapshot(problem, step.report, criteria, converged=step.converged, elapsed=0.0, event=step.iteration)
         for step in engine.steps(problem, iterations)
     )
-    snapshots = (*snapshots[:-1], snapshots[-1].read_out)
+    snapshots = (*snapshots[:-1], snapshots[-1].read_out())
     return Scene(scan, snapshots, stage(problem, (scan_points(scan),)))
 
 

@@ -334,7 +334,7 @@ def test_the_selected_particle_is_marked() -> None:
 
 def test_another_iteration_lies_over_it_in_grey() -> None:
     whole = scene()
-    other = whole.snapshots[3].read_out
+    other = whole.snapshots[3].read_out()
     found = frame(whole.snapshots[-1], only("estimate", "ellipsoids"), whole.stage, compared=(other, whole.stage))
     for number, pose in enumerate(estimated(other)):
         ghost, own = (shown(Surface, found, f"/{name}/{number}") for name in ("compare", "estimate"))

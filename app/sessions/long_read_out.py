@@ -1,0 +1,46 @@
+"""May a session's own read-out go on? It has the session's one thread: it gives way to whoever waits for that, and
+where it takes its time people hear what is done.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+
+from pmpnbp.readout.checkpoint import Checkpoint
+
+# Seconds after which a read-out is told of: most are over by then.
+SOON = 0.5
+
+
+class GaveWay(Exception):
+    """A read-out was ended for something that waits, and has told nothing."""
+
+
+class LongReadOut:
+    """underway : whether a read-out has been going on for more than SOON seconds; of the thread alone, but for reading.
+
+    awaited : whether something waits for the thread; tell : called when `underway` becomes true
+    """
+
+    def __init__(self, awaited: Callable[[], bool], tell: Callable[[], None]) -> None:
+        self._awaited = awaited
+        self._tell = tell
+        self.underway = False
+
+    @contextmanager
+    def begun(self) -> Iterator[Checkpoint]:
+        """For a read-out within: its checkpoint, which raises GaveWay."""
+        try:
+            yield partial(self._checkpoint, time.monotonic())
+        finally:
+            self.underway = False
+
+    def _checkpoint(self, began: float) -> None:
+        if self._awaited():
+            raise GaveWay
+        if not self.underway and time.monotonic() - began > SOON:
+            self.underway = True
+            self._tell()

@@ -1,0 +1,228 @@
+"""Posteriors in the making: nobody waits for one that is not theirs, and none that was ended changes a number."""
+
+from __future__ import annotations
+
+import http.client
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import httpx
+import pytest
+
+from app.sessions import long_read_out
+from pmpnbp.inference.belief import IterationReport
+from pmpnbp.inference.problem import Problem
+from pmpnbp.readout import posterior
+from pmpnbp.readout.checkpoint import Checkpoint, go_on
+from tests.app import small_sessions as small
+from tests.app.small_sessions import history, problem
+
+# Calls that are answered while others wait.
+AT_ONCE = 4
+
+
+class Held:
+    """Read-outs that go on until they are let go, as long as their checkpoint has it.
+
+    begun : of which iterations; ended : how many of them by their checkpoint
+    """
+
+    def __init__(self) -> None:
+        self._of_estimate = posterior.of_estimate
+        self._released = threading.Event()
+        self.changed = threading.Condition()
+        self.begun: list[int] = []
+        self.ended = 0
+
+    def of_estimate(
+        self, problem: Problem, report: IterationReport, checkpoint: Checkpoint = go_on
+    ) -> posterior.Posterior:
+        """In the place of the function of that name."""
+        with self.changed:
+            self.begun.append(report.iteration)
+            self.changed.notify_all()
+        try:
+            while not self._released.is_set():
+                checkpoint()
+                time.sleep(small.PATIENCE)
+            return self._of_estimate(problem, report, checkpoint)
+        except Exception:
+            with self.changed:
+                self.ended += 1
+                self.changed.notify_all()
+            raise
+
+    def until(self, reached: Callable[[], bool]) -> None:
+        """Return once that is so."""
+        with self.changed:
+            self.changed.wait_for(reached)
+
+    def release(self) -> None:
+        self._released.set()
+
+
+@pytest.fixture
+def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[Held]:
+    found = Held()
+    monkeypatch.setattr(posterior, "of_estimate", found.of_estimate)
+    yield found
+    found.release()
+
+
+@pytest.fixture(scope="module")
+def served(serve_for_module: Callable[..., Any]) -> Any:
+    return serve_for_module().ready()
+
+
+@pytest.fixture(scope="module")
+def client(served: Any) -> httpx.Client:
+    return served.client
+
+
+@pytest.fixture(scope="module")
+def ids(client: httpx.Client) -> dict[str, str]:
+    return {"model_id": small.upload_model(client), "scan_id": small.upload_scan(client)}
+
+
+@pytest.fixture(scope="module")
+def whole(client: httpx.Client, ids: dict[str, str]) -> str:
+    """A session that came to rest without anybody asking anything of it."""
+    path = small.create(client, **ids)
+    client.post(f"{path}/run", json={"iterations": 1000, "until": "converged"})
+    assert small.at_rest(client, path)["converged"]
+    return path
+
+
+@pytest.fixture
+def path(client: httpx.Client, whole: str, ids: dict[str, str]) -> Iterator[str]:
+    """A session like it, at the start; `whole` was read out before anything holds read-outs up."""
+    made = small.create(client, **ids)
+    yield made
+    client.delete(made)
+
+
+@pytest.fixture
+def beside() -> Iterator[ThreadPoolExecutor]:
+    """For calls that wait for their answer."""
+    with ThreadPoolExecutor(AT_ONCE) as found:
+        yield found
+
+
+def test_a_pause_does_not_wait_for_a_read_out_and_changes_no_number(
+    client: httpx.Client, path: str, whole: str, held: Held
+) -> None:
+    last = client.get(whole).json()["iteration"]
+    client.post(f"{path}/run", json={"iterations": 1000, "until": "converged"})
+    held.until(lambda: bool(held.begun))
+    found = client.post(f"{path}/pause").json()
+    assert (found["state"], found["iteration"], found["converged"], found["fit"]) == ("paused", last - 1, False, None)
+    assert (held.begun, held.ended) == ([last], 1)
+    held.release()
+    client.post(f"{path}/run", json={"iterations": 1000, "until": "converged"})
+    assert small.at_rest(client, path)["iteration"] == last
+    assert history(client, path, last) == history(client, whole, last)
+    assert client.get(f"{path}/estimate").json()["posterior_iteration"] == last
+
+
+def test_a_change_does_not_wait_for_a_read_out_either(client: httpx.Client, path: str, whole: str, held: Held) -> None:
+    last = client.get(whole).json()["iteration"]
+    client.post(f"{path}/run", json={"iterations": 1000, "until": "converged"})
+    held.until(lambda: bool(held.begun))
+    assert client.patch(path, json={"config": {"joint_draws": 3}}).json()["state"] == "running"
+    held.until(lambda: len(held.begun) == 2)
+    assert held.begun[1] > last  # whether it is at rest was decided anew
+    assert client.get(f"{path}/trace").json()["changes"][0]["after_iteration"] == last - 1
+
+
+def test_who_deletes_a_session_does_not_wait_for_its_read_out(client: httpx.Client, ids: Any, held: Held) -> None:
+    path = small.create(client, **ids)
+    client.post(f"{path}/run", json={"iterations": 1000, "until": "converged"})
+    held.until(lambda: bool(held.begun))
+    assert client.delete(path).status_code == 204
+    assert held.ended == 1 and client.get(path).status_code == 404
+
+
+def test_a_long_read_out_is_told_of(
+    client: httpx.Client, path: str, held: Held, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(long_read_out, "SOON", 0.0)
+    assert not client.get(path).json()["reading_out"]
+    client.post(f"{path}/run", json={"iterations": 1000, "until": "converged"})
+    told = []
+    with client.stream("GET", f"{path}/events") as answer:
+        for line in answer.iter_lines():
+            told += ['"reading_out":true' in line] if line.startswith("data:") and '"state"' in line else []
+            if told and told[-1]:
+                break
+    assert client.get(path).json()["reading_out"]
+    held.release()
+    assert not small.at_rest(client, path)["reading_out"]
+
+
+def test_a_posterior_that_is_asked_for_twice_is_read_out_once_while_the_session_iterates(
+    served: Any, client: httpx.Client, path: str, beside: ThreadPoolExecutor, held: Held
+) -> None:
+    small.step(client, path, 6)
+    calls = ("estimate?iteration=5&posterior=true", "posterior/frame?iteration=5", "decision?iteration=5")
+    asked = [beside.submit(client.get, f"{path}/{call}") for call in calls]
+    read_outs = served.app.state.sessions.get(path.rpartition("/")[2]).read_outs
+    while sum(len(waiting) for waiting in read_outs._waiting.values()) < len(calls):
+        time.sleep(small.PATIENCE)
+    other = beside.submit(client.get, f"{path}/posterior?iteration=6")
+    assert small.step(client, path, 2)["iteration"] == 8
+    assert held.begun == [5] and not any(answer.done() for answer in (*asked, other))
+    held.release()
+    told, draws, decided = (answer.result().json() for answer in asked)
+    assert told["posterior_iteration"] == draws["posterior_iteration"] == decided["iteration"] == 5
+    assert other.result().json()["posterior_iteration"] == 6
+    again = client.get(f"{path}/{calls[0]}").json()
+    assert {**again, "state": told["state"]} == told and held.begun == [5, 6]
+
+
+def test_a_read_out_ends_when_the_last_client_that_waits_for_it_has_gone(
+    served: Any, client: httpx.Client, path: str, held: Held
+) -> None:
+    small.step(client, path, 6)
+    clients = [http.client.HTTPConnection(*served.url.removeprefix("http://").split(":")) for _ in range(2)]
+    read_outs = served.app.state.sessions.get(path.rpartition("/")[2]).read_outs
+    for number, one in enumerate(clients, 1):
+        one.request("GET", f"{path}/decision?iteration=5")
+        while sum(len(waiting) for waiting in read_outs._waiting.values()) < number:
+            time.sleep(small.PATIENCE)
+    (waiting,) = read_outs._waiting.values()
+    clients[0].close()
+    while not waiting[0].cancelled():
+        time.sleep(small.PATIENCE)
+    assert held.ended == 0
+    clients[1].close()
+    held.until(lambda: held.ended == 1)
+    # who asks now does not join those who left
+    held.release()
+    assert client.get(f"{path}/decision?iteration=5").status_code == 200 and held.begun == [5, 5]
+
+
+def test_a_deleted_session_ends_what_was_asked_of_it(
+    client: httpx.Client, ids: Any, beside: ThreadPoolExecutor, held: Held
+) -> None:
+    path = small.after(client, 6, **ids)
+    asked: Future[httpx.Response] = beside.submit(client.get, f"{path}/estimate?iteration=5&posterior=true")
+    held.until(lambda: bool(held.begun))
+    assert client.delete(path).status_code == 204
+    problem(asked.result(), 409, f"session '{path.rpartition('/')[2]}' is closed")
+    assert held.ended == 1
+
+
+def test_a_read_out_that_fails_is_told_to_who_asked_and_tried_again(
+    client: httpx.Client, path: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*arguments: object) -> None:
+        raise MemoryError("no room for 3 draws")
+
+    small.step(client, path, 6)
+    with monkeypatch.context() as patch:
+        patch.setattr(posterior, "of_estimate", fail)
+        problem(client.get(f"{path}/posterior/frame"), 500, "internal error")
+    assert client.get(f"{path}/posterior/frame").json()["posterior_iteration"] == 6

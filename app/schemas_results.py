@@ -247,6 +247,9 @@ class TraceRow(BaseModel):
     add: dict[str, float] | None = Field(description="by part, metres (eq. 12); null where the truth is not known")
     converged: bool = Field(description="whether the inference had come to rest")
     certain: Certain
+    certain_by_link: dict[str, bool] | None = Field(
+        None, description="by link, whether it is certain; null where there is no posterior, and in older recordings"
+    )
     fit: FitOrNull
     fit_reason: FitReason
     posterior_iteration: int | None = Field(description="the iteration that the posterior was read out from, or null")

@@ -24,7 +24,9 @@ def row_of(text: str, model: ArticulatedObject) -> Row | None:
     for stds in (row["std_xyz"], row["particle_std_xyz"]):
         if stds is not None and (set(stds) != set(model.links) or any(len(axes) != 3 for axes in stds.values())):
             return None
-    told = row["posterior_iteration"]
+    certain, told = row["certain_by_link"], row["posterior_iteration"]
+    if certain is not None and (told is None or set(certain) != set(model.links)):
+        return None
     if (told is None) != (row["std_xyz"] is None) or (told is not None and not 0 <= told <= row["iteration"]):
         return None
     return {**row, "event": event_of(row["iteration"])}

@@ -131,6 +131,7 @@ def snapshot(
     placed = place(problem, report, posterior)
     names = [part.name for part in model.parts]
     truth, std_xyz = criteria.truth, placed.std_xyz
+    certain = placed.certain(criteria.max_std)
     row: Row = {
         "event": event,
         "iteration": report.iteration,
@@ -144,7 +145,8 @@ def snapshot(
         "particle_std_xyz": dict(zip(model.links, placed.particle_std_xyz.tolist(), strict=True)),
         "add": None if truth is None else part_adds(model, placed.part_poses, truth["links"]),
         "converged": converged,
-        "certain": bool(placed.certain(criteria.max_std).all()),
+        "certain": bool(certain.all()),
+        "certain_by_link": None if posterior is None else dict(zip(model.links, certain.tolist(), strict=True)),
         "fit": None if posterior is None else posterior.fit.verdict,
         "fit_reason": None if posterior is None else posterior.fit.reason,
         "posterior_iteration": None if posterior is None else posterior.iteration,

@@ -15,12 +15,16 @@ from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.snapshot import Row
 from pmpnbp.recording.reader import Recording
 
-# A member that rows have since they tell of posteriors.
-_SINCE_POSTERIORS = "particle_std_xyz"
+# A member that rows have since they tell of posteriors, and the one that came last.
+_SINCE_POSTERIORS, _NEWEST = "particle_std_xyz", "certain_by_link"
 
 
 def current(row: Row) -> Row:
-    """A row as it is written now. Before there were posteriors `std_xyz` was the particles'."""
+    """A row as it is written now. Before there were posteriors `std_xyz` was the particles'; which links were certain
+    was not told at first."""
+    if _NEWEST in row:
+        return row
+    row = {**row, _NEWEST: None}
     if _SINCE_POSTERIORS in row:
         return row
     nothing = {"std_xyz": None, "certain": False, "fit": None, "fit_reason": None, "posterior_iteration": None}
@@ -42,7 +46,7 @@ class OwnRows:
     def texts(self, recording: Recording, after: int, last: int) -> list[str]:
         """The rows, JSON, of the iterations beyond `after` and up to `last`, ascending."""
         return [
-            text if f'"{_SINCE_POSTERIORS}"' in text else json_bytes(current(json.loads(text))).decode()
+            text if f'"{_NEWEST}"' in text else json_bytes(current(json.loads(text))).decode()
             for text in recording.summaries(after, last)
         ]
 

@@ -78,7 +78,8 @@ const STATES = {
 };
 
 // What a session does; `atRest` says that it has converged.
-export function stateWord({ state, position, converged }, atRest) {
+export function stateWord({ state, position, converged, reading_out: readingOut }, atRest) {
   if (state === "waiting" && position) return `waiting, number ${position} in line`;
+  if (readingOut) return "reading out the posterior…";
   return state === "paused" && converged ? atRest : (STATES[state] ?? state);
 }

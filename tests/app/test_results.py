@@ -218,6 +218,7 @@ def test_the_trace_tells_each_iteration(client: httpx.Client, path: str) -> None
     assert rows[6]["particle_std_xyz"] == {link: estimate["links"][link]["particle_std_xyz"] for link in LINKS}
     # not at rest: there is no posterior yet
     assert [rows[6][name] for name in ("std_xyz", "fit", "posterior_iteration", "certain")] == [None, None, None, False]
+    assert rows[1]["certain_by_link"] is rows[6]["certain_by_link"] is None
     assert rows[6]["add"] == {name: part["add"] for name, part in estimate["truth"]["parts"].items()}
     assert set(rows[6]["effective_sample_size"]) == set(rows[6]["add"])
     assert [row["elapsed"] for row in rows] == sorted(row["elapsed"] for row in rows)
@@ -256,6 +257,7 @@ def test_at_rest_the_estimate_tells_the_posterior_and_the_row_the_same(client: h
     assert found["posterior_iteration"] == row["posterior_iteration"] == row["iteration"]
     assert row["std_xyz"] == {link: found["links"][link]["std_xyz"] for link in LINKS}
     assert found["certain"] == row["certain"] == state["certain"]
+    assert row["certain_by_link"] == {link: found["links"][link]["certain"] for link in LINKS}
     for joint in found["joints"].values():
         low, high = joint["interval"]
         assert joint["lower"] <= low <= joint["position"] + 3 * joint["std"] and high <= joint["upper"]

@@ -47,7 +47,24 @@ def test_its_iterations_give_the_rows_that_it_was_written_with(path: Path) -> No
         # what was called the standard deviation then was the particles', by which nothing is certain
         for link, axes in theirs["std_xyz"].items():
             assert mine["particle_std_xyz"][link] == pytest.approx(axes, rel=1e-6, abs=1e-12), link
-        assert mine["std_xyz"] is None and not mine["certain"]
+        assert mine["std_xyz"] is None and not mine["certain"] and mine["certain_by_link"] is None
+
+
+def test_rows_that_do_not_tell_which_links_were_certain_say_so(path: Path) -> None:
+    """Those of the time before posteriors, and those that tell of one."""
+    with Recording(path) as recording:
+        old = json.loads(recording.summaries()[-1])
+    told = old | {"particle_std_xyz": old["std_xyz"], "posterior_iteration": old["iteration"]}
+    connection = sqlite3.connect(path)
+    connection.execute("UPDATE summaries SET text = ? WHERE iteration = ?", (json.dumps(told), old["iteration"]))
+    connection.commit()
+    connection.close()
+    archive = IterationArchive(path, "session 'old'")
+    archive.open(CRITERIA)
+    rows = [json.loads(row) for row in archive.rows()]
+    assert [row["certain_by_link"] for row in rows] == [None] * len(rows)
+    assert [row["std_xyz"] for row in rows] == [None] * (len(rows) - 1) + [old["std_xyz"]]
+    assert archive.row == rows[-1]
 
 
 def test_it_is_gone_on_with_by_a_scan_that_replaces(path: Path, tmp_path: Path) -> None:

@@ -70,8 +70,8 @@ def get_session(session_id: SessionId, request: Request) -> Any:
     responses=responses(404, status_409="It is an uploaded recording."),
 )
 def delete_session(session_id: SessionId, request: Request) -> None:
-    """Stops it after its present iteration; its recording goes with it. An uploaded recording is deleted by DELETE
-    /api/v1/recordings/{id}."""
+    """Stops it after its present iteration, and whatever is being read out; its recording goes with it. An uploaded
+    recording is deleted by DELETE /api/v1/recordings/{id}."""
     sessions_of(request).delete(session_id)
     request.app.state.views.close_session(session_id)
 
@@ -93,7 +93,8 @@ def step_session(session: LiveSession, body: StepRequest | None = None) -> Any:
 
 @commands.post("/pause", response_model=Session, summary="Stop after the present iteration")
 def pause_session(session: LiveSession) -> Any:
-    """Answers once that iteration is recorded. Nothing happens where the session does not run."""
+    """Answers once that iteration is recorded. One whose posterior is being read out is not waited for: the next run
+    makes it anew, to the same numbers. Nothing happens where the session does not run."""
     session.pause().result()
     return session.status()
 

@@ -118,14 +118,13 @@ function pressed(attributes, act, children) {
   return s("g", { ...button, ...attributes }, children);
 }
 
-// The posterior's largest standard deviation of a part, and whether it is certain. The estimate knows of other modes too,
-// and of what was asked for; the trace's row, which is there sooner, only how wide the belief is.
+// The posterior's largest standard deviation of a part, and whether it is certain. The estimate knows of what was asked
+// for, too; the trace's row is there sooner.
 function belief(row, part, at) {
   const estimate = state.estimate?.iteration === shownIteration() ? state.estimate : null;
   const links = part.links.map((link) => estimate?.links[link]).filter(Boolean);
   if (links.length) return [largest(links.flatMap((link) => link.std_xyz ?? [])), links.every((link) => link.certain)];
-  const std = row?.std[at] ?? null;
-  return [std, row?.fit === "good" && std !== null && std <= maxStd()];
+  return [row?.std[at] ?? null, Boolean(row?.certain?.[at])];
 }
 
 function show() {

@@ -106,7 +106,7 @@ function compact(row) {
     particleStd: ofParts(row.particle_std_xyz),
     effective: parts.map((part) => row.effective_sample_size?.[part.name] ?? null),
     add: row.add ? parts.map((part) => row.add[part.name] ?? null) : null,
-    certain: row.certain,
+    certain: row.certain_by_link ? parts.map((part) => part.links.every((link) => row.certain_by_link[link])) : null,
     fit: row.fit,
     converged: row.converged,
     notes: row.notes?.length ? row.notes : null,

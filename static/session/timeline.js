@@ -1,12 +1,10 @@
 // Which iteration is looked at? A slider over all that are recorded, with marks where something happened.
 
 import { byId, reconcile, setText } from "./dom.js";
-import { millimetres } from "./format.js";
 import {
   colour,
   isLive,
   isRecording,
-  maxStd,
   newestIteration,
   oldestIteration,
   shownIteration,
@@ -93,15 +91,11 @@ function since(so) {
 function showMarks() {
   const marks = [];
   const rows = state.rows;
-  const allCertain = since((row) => row.certain);
   state.graph.parts.forEach((part, at) => {
-    const narrow = since((row) => row.fit === "good" && row.std[at] !== null && row.std[at] <= maxStd());
-    if (narrow === null || narrow < 1) return;
-    const { iteration } = rows[narrow];
-    // a row tells how wide a part's belief is, but only of all links together that nothing else speaks against them
-    const certain = allCertain !== null && allCertain <= narrow;
-    const word = certain ? "is certain" : `has a std of at most ${millimetres(maxStd())}`;
-    marks.push({ kind: "certain", iteration, part, text: `${part.name} ${word} from iteration ${iteration} on` });
+    const first = since((row) => row.certain?.[at]);
+    if (first === null || first < 1) return;
+    const { iteration } = rows[first];
+    marks.push({ kind: "certain", iteration, part, text: `${part.name} is certain from iteration ${iteration} on` });
   });
   for (const { after_iteration: iteration, scan_id, mode, config } of state.changes) {
     const set = Object.entries(config ?? {}).map(([name, value]) => `${name} = ${value}`);

@@ -15,7 +15,10 @@ import numpy as np
 import pytest
 
 from app.cli import main
+from app.commands import estimate, progress
 from pmpnbp.readout.arviz_export import load_arviz
+from pmpnbp.readout.checkpoint import Checkpoint
+from pmpnbp.readout.result import verdict
 from pmpnbp.recording import Recording
 from tests.app.command_line import CABINET, CAMERA, DEPTH, MODEL, ROI, ROOT, SCAN, SCENE, Capture, refused
 
@@ -247,6 +250,46 @@ def test_interrupted_it_still_writes_what_it_found(tmp_path: Path) -> None:
     with Recording(tmp_path / "run.sqlite") as recording:
         # an interrupt may come between an iteration and its being recorded
         assert recording.iterations()[-1] in (result["iteration"], result["iteration"] - 1)
+
+
+def test_a_long_read_out_is_told_of(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert main(["estimate", *SCAN, *QUICK]) == 0
+    result, said = capsys.readouterr()
+    assert "reading out" not in said
+    monkeypatch.setattr(progress, "SOON", 0.0)
+    assert main(["estimate", *SCAN, *QUICK]) == 0
+    again, said = capsys.readouterr()
+    assert said.splitlines()[-2:] == ["reading out the posterior ...", verdict(json.loads(again))]
+    assert main(["estimate", *SCAN, *QUICK, "--quiet"]) == 0
+    quiet, said = capsys.readouterr()
+    assert said == ""
+    for other in (again, quiet):
+        assert {**json.loads(other), "seconds": 0} == {**json.loads(result), "seconds": 0}
+
+
+def test_interrupted_while_it_reads_out_it_writes_the_estimate_alone(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(quiet: bool) -> Checkpoint:
+        def checkpoint() -> None:
+            raise KeyboardInterrupt
+
+        return checkpoint
+
+    monkeypatch.setattr(estimate, "reading_out", interrupt)
+    out, recorded, draws = tmp_path / "result.json", tmp_path / "run.sqlite", tmp_path / "draws.nc"
+    files = ["--out", str(out), "--recording", str(recorded), "--draws", str(draws)]
+    assert main(["estimate", *SCAN, *QUICK, *files]) == 130
+    result = json.loads(out.read_text())
+    checked(result)
+    assert (result["iteration"], result["fit"], draws.exists()) == (4, None, False)
+    assert capsys.readouterr().err.splitlines()[-3:] == [
+        "No verdict: the read-out was interrupted",
+        "--draws 'draws.nc' is not written: its read-out was interrupted",
+        "pmpnbp estimate: interrupted after iteration 4, what was found so far is in 'result.json'",
+    ]
+    with Recording(recorded) as recording:
+        assert recording.posterior(4) is None
 
 
 def test_the_posteriors_draws_are_written_for_arviz(tmp_path: Path, capsys: Capture) -> None:

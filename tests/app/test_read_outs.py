@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import http.client
-import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -13,63 +12,13 @@ import httpx
 import pytest
 
 from app.sessions import long_read_out
-from pmpnbp.inference.belief import IterationReport
-from pmpnbp.inference.problem import Problem
 from pmpnbp.readout import posterior
-from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from tests.app import small_sessions as small
+from tests.app.held_read_outs import Held, holding
 from tests.app.small_sessions import history, problem
 
 # Calls that are answered while others wait.
 AT_ONCE = 4
-
-
-class Held:
-    """Read-outs that go on until they are let go, as long as their checkpoint has it.
-
-    begun : of which iterations; ended : how many of them by their checkpoint
-    """
-
-    def __init__(self) -> None:
-        self._of_estimate = posterior.of_estimate
-        self._released = threading.Event()
-        self.changed = threading.Condition()
-        self.begun: list[int] = []
-        self.ended = 0
-
-    def of_estimate(
-        self, problem: Problem, report: IterationReport, checkpoint: Checkpoint = go_on
-    ) -> posterior.Posterior:
-        """In the place of the function of that name."""
-        with self.changed:
-            self.begun.append(report.iteration)
-            self.changed.notify_all()
-        try:
-            while not self._released.is_set():
-                checkpoint()
-                time.sleep(small.PATIENCE)
-            return self._of_estimate(problem, report, checkpoint)
-        except Exception:
-            with self.changed:
-                self.ended += 1
-                self.changed.notify_all()
-            raise
-
-    def until(self, reached: Callable[[], bool]) -> None:
-        """Return once that is so."""
-        with self.changed:
-            self.changed.wait_for(reached)
-
-    def release(self) -> None:
-        self._released.set()
-
-
-@pytest.fixture
-def held(monkeypatch: pytest.MonkeyPatch) -> Iterator[Held]:
-    found = Held()
-    monkeypatch.setattr(posterior, "of_estimate", found.of_estimate)
-    yield found
-    found.release()
 
 
 @pytest.fixture(scope="module")
@@ -102,6 +51,12 @@ def path(client: httpx.Client, whole: str, ids: dict[str, str]) -> Iterator[str]
     made = small.create(client, **ids)
     yield made
     client.delete(made)
+
+
+@pytest.fixture
+def held() -> Iterator[Held]:
+    with holding() as found:
+        yield found
 
 
 @pytest.fixture

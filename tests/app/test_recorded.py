@@ -294,7 +294,17 @@ def test_rows_that_are_none_are_made_anew(client: httpx.Client, recorded: str, c
     endless = json.dumps(rows[7]).replace(f'"seconds": {rows[7]["seconds"]}', '"seconds": 1e999')
     other = json.dumps(rows[6]).replace('"drawer1"', '"door"')
     certain = json.dumps(rows[0] | {"certain_by_link": dict.fromkeys(rows[0]["particle_std_xyz"], True)})
-    told = {0: certain, 1: "no JSON", 2: "5", 3: "{}", 4: '{"iteration": 4}', 5: "[" * 5000, 6: other, 7: endless, 8: "null"}
+    told = {
+        0: certain,
+        1: "no JSON",
+        2: "5",
+        3: "{}",
+        4: '{"iteration": 4}',
+        5: "[" * 5000,
+        6: other,
+        7: endless,
+        8: "null",
+    }
     script = ";".join(f"UPDATE summaries SET text = '{text}' WHERE iteration = {at}" for at, text in told.items())
     found = client.get(f"{upload(client, altered(content, tmp_path / 'a', script))}/trace")
     Trace.model_validate_json(found.content)

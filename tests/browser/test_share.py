@@ -131,6 +131,19 @@ def test_marks_tell_where_a_part_became_certain_and_settings_changed(page: Page,
     wait(page, lambda: (view(page, served)["drawn"] or {}).get("iteration") == 6)
 
 
+def test_a_part_is_marked_as_certain_though_others_are_not(page: Page, served: Served, session: str) -> None:
+    path = f"{session}/trace"
+    trace = served.client.get(path).json()
+    *_, last = trace["iterations"]
+    links = last["particle_std_xyz"]
+    last |= {"std_xyz": links, "certain_by_link": {link: link in ("drawer1", "handle1", "handle2") for link in links}}
+    page.route(f"**{path}?*", lambda route: route.fulfill(json=trace))
+    opened(page, served, session)
+    mark = page.locator(".mark.certain")  # of drawer2 one of two links alone is
+    expect(mark).to_have_count(1)
+    expect(mark).to_have_attribute("title", f"drawer1 is certain from iteration {last['iteration']} on")
+
+
 def test_a_mark_tells_what_the_inference_remarked(page: Page, served: Served) -> None:
     config = small.QUICK | {"search_explained": 1.0, "search_restarts": 1}
     session = small.after(served.client, 4, config=config)

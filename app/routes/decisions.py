@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any
 
+import anyio.to_thread
 import numpy as np
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Query, Request
 
 from app import schemas_results as schemas
 from app.next_views import WORTH, next_views, ranking, uncertain
 from app.problems import HttpProblem, responses
-from app.routes.parameters import Told, check_links
+from app.routes.parameters import Iteration, SessionId, told
 from app.schemas import DecisionRequest
+from app.sessions.source import Source
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.confirmation import some_of
@@ -32,8 +34,9 @@ router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"])
     summary="Act, or look again, and from where?",
     responses=responses(409, status_404="The session or a link is not here."),
 )
-def get_decision(
-    told: Told,
+async def get_decision(
+    session_id: SessionId,
+    request: Request,
     links: Annotated[
         str | None, Query(description="names of the links, separated by commas; default: all", examples=["drawer3"])
     ] = None,
@@ -41,12 +44,14 @@ def get_decision(
         float | None,
         Query(gt=0, le=1e6, description="metres; default: the session's", examples=[SessionOptions.max_std]),
     ] = None,
+    iteration: Iteration = None,
 ) -> Any:
     """By the newest iteration, or the one that is named: act where every asked link is certain, no_fit where what
     should be seen is not seen, else look, with views from around the object, that tell most first. The posterior is
     read out for it, where the inference is not at rest; during the search there is none, and nothing to act on."""
     asked = None if links is None else list(dict.fromkeys(links.split(",")))
-    return _decided(told, asked, max_std, None)
+    session, snapshot = await told(request, session_id, iteration, asked or ())
+    return await anyio.to_thread.run_sync(_decided, session, snapshot, asked, max_std, None)
 
 
 @router.post(
@@ -55,20 +60,23 @@ def get_decision(
     summary="Act, or from which of these places to look again?",
     responses=responses(409, status_404="The session or a link is not here."),
 )
-def post_decision(told: Told, body: DecisionRequest) -> Any:
+async def post_decision(session_id: SessionId, request: Request, body: DecisionRequest) -> Any:
     """The same with the planner's own views, each with a camera's pose in world and what it costs to get there: they
     are ranked by what they are expected to tell over their cost."""
     views = None if body.views is None else [PlannedView(_pose(view.pose), view.cost) for view in body.views]
     asked = None if body.links is None else list(dict.fromkeys(body.links))
-    return _decided(told, asked, body.max_std, views)
+    session, snapshot = await told(request, session_id, None, asked or ())
+    return await anyio.to_thread.run_sync(_decided, session, snapshot, asked, body.max_std, views)
 
 
 def _decided(
-    told: Told, links: Sequence[str] | None, max_std: float | None, views: Sequence[PlannedView] | None
+    session: Source,
+    snapshot: Snapshot,
+    links: Sequence[str] | None,
+    max_std: float | None,
+    views: Sequence[PlannedView] | None,
 ) -> dict[str, Any]:
-    session, snapshot = told
     asked = [*snapshot.problem.mrf.model.links] if links is None else [*links]
-    check_links(snapshot, asked)
     limit = snapshot.criteria.max_std if max_std is None else max_std
     blocking = uncertain(snapshot, asked, limit)
     action, reason = _action(snapshot, blocking, limit)

@@ -59,6 +59,14 @@ def read(
     return session, snapshot
 
 
+async def told(
+    request: Request, session_id: str, iteration: int | None, links: Iterable[str]
+) -> tuple[Source, Snapshot]:
+    """What `read` gives, with its posterior where it is not of the search, for calls in the event loop."""
+    source, snapshot = await anyio.to_thread.run_sync(read, request, session_id, iteration, links)
+    return source, await read_out(request, source, snapshot)
+
+
 async def read_out(request: Request, source: Source, snapshot: Snapshot) -> Snapshot:
     """The snapshot with its posterior, for calls in the event loop: it is read out elsewhere, for as long as the client
     stays. HttpProblem 409."""
@@ -77,17 +85,6 @@ async def read_out(request: Request, source: Source, snapshot: Snapshot) -> Snap
 async def _gone(request: Request) -> None:
     while (await request.receive())["type"] != "http.disconnect":
         pass
-
-
-async def _told(request: Request, session_id: SessionId, iteration: Iteration = None) -> tuple[Source, Snapshot]:
-    source = await find_source(request, session_id)
-    snapshot = await anyio.to_thread.run_sync(source.archive.read, iteration)
-    return source, await read_out(request, source, snapshot)
-
-
-# A session and an iteration of it, default: the newest, with its posterior where it is not of the search; what follows
-# from it needs a thread. HttpProblem 404, 408 and 409.
-Told = Annotated[tuple[Source, Snapshot], Depends(_told)]
 
 
 def check_links(snapshot: Snapshot, links: Iterable[str]) -> None:

@@ -18,23 +18,13 @@ from app import schemas_results as schemas
 from app.documentation import BINARY, answer
 from app.particle_files import MEDIA_TYPES, Format, written
 from app.problems import HttpProblem, responses
-from app.routes.parameters import (
-    Iteration,
-    Link,
-    SessionId,
-    Told,
-    check_links,
-    find_source,
-    read,
-    read_out,
-    sessions_of,
-)
+from app.routes.parameters import Iteration, Link, SessionId, find_source, read, read_out, sessions_of, told
 from app.routes.recordings import MEDIA_TYPE
 from app.sessions.source import Source
 from app.store.store import safe_name
 from pmpnbp.errors import full_disk_told
 from pmpnbp.geometry import poses
-from pmpnbp.json_text import json_bytes, without_nan
+from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.coordinates import coordinates
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.readout.snapshot import Snapshot
@@ -142,13 +132,17 @@ def get_belief(
     responses=answer("The draws.", model=schemas.PosteriorDraws, content=_FILES)
     | responses(409, status_404="The session, the link or the iteration is not here, or it is of the search."),
 )
-def get_posterior(told: Told, link: Link, form: FormatQuery = "json") -> Response:
+async def get_posterior(
+    session_id: SessionId, link: Link, request: Request, iteration: Iteration = None, form: FormatQuery = "json"
+) -> Response:
     """Draws of the posterior: poses of the link in world, metres, with log weights. Draw i of every link is of one
     configuration of the whole object. During the search there is none; before rest it is read out for this call."""
-    session, snapshot = told
-    check_links(snapshot, [link])
-    posterior = _posterior_of(snapshot)
-    model = snapshot.problem.mrf.model
+    session, snapshot = await told(request, session_id, iteration, [link])
+    return await anyio.to_thread.run_sync(_draws, session, snapshot, link, form)
+
+
+def _draws(session: Source, snapshot: Snapshot, link: str, form: Format) -> Response:
+    posterior, model = _posterior_of(snapshot), snapshot.problem.mrf.model
     draws = posterior.link_poses(model)[:, model.links.index(link)]
     members = _members(session, snapshot) | {"link": link, "posterior_iteration": posterior.iteration}
     columns = {"log_weights": posterior.log_weights, "mode": posterior.mode}
@@ -157,34 +151,39 @@ def get_posterior(told: Told, link: Link, form: FormatQuery = "json") -> Respons
 
 @router.get(
     "/posterior",
-    response_model=schemas.PosteriorCoordinates,
+    response_class=Response,
     summary="What the scan leaves open, number by number",
-    responses=responses(409, status_404="The session, a link or the iteration is not here, or it is of the search."),
+    responses=answer("The draws.", model=schemas.PosteriorCoordinates)
+    | responses(409, status_404="The session, a link or the iteration is not here, or it is of the search."),
 )
-def get_posterior_coordinates(
-    told: Told,
+async def get_posterior_coordinates(
+    session_id: SessionId,
+    request: Request,
+    iteration: Iteration = None,
     links: Annotated[
         str | None,
         Query(description="names of links, separated by commas; default: the joints alone", examples=["drawer2"]),
     ] = None,
-) -> Any:
+) -> Response:
     """Positions of the joints, and where the asked links are and how they are turned, in every draw of the posterior:
     what to set against each other, to see what the scan ties together."""
     asked = [] if links is None else list(dict.fromkeys(links.split(",")))
-    session, snapshot = told
-    check_links(snapshot, asked)
+    session, snapshot = await told(request, session_id, iteration, asked)
+    return await anyio.to_thread.run_sync(_coordinates, session, snapshot, asked)
+
+
+def _coordinates(session: Source, snapshot: Snapshot, asked: list[str]) -> Response:
     posterior = _posterior_of(snapshot)
     found = coordinates(snapshot.problem.mrf.model, posterior, snapshot.placed, asked)
-    return without_nan(
-        {
-            "session_id": session.id,
-            "iteration": snapshot.iteration,
-            "posterior_iteration": posterior.iteration,
-            "log_weights": posterior.log_weights.tolist(),
-            "mode": posterior.mode.tolist(),
-            "coordinates": [vars(one) | {"values": one.values.tolist()} for one in found],
-        }
-    )
+    members = {
+        "session_id": session.id,
+        "iteration": snapshot.iteration,
+        "posterior_iteration": posterior.iteration,
+        "log_weights": posterior.log_weights.tolist(),
+        "mode": posterior.mode.tolist(),
+        "coordinates": [vars(one) | {"values": one.values.tolist()} for one in found],
+    }
+    return Response(json_bytes(members), media_type="application/json")
 
 
 @router.get(

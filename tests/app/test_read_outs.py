@@ -159,6 +159,18 @@ def test_a_read_out_ends_when_the_last_client_that_waits_for_it_has_gone(
     assert client.get(f"{path}/decision?iteration=5").status_code == 200 and held.begun == [5, 5]
 
 
+def test_a_link_that_is_not_there_is_told_of_before_anything_is_read_out(
+    client: httpx.Client, path: str, held: Held
+) -> None:
+    small.step(client, path, 6)
+    text = "link 'door' is not in the model"
+    for call in ("posterior/door", "posterior?links=frame,door", "decision?links=door"):
+        problem(client.get(f"{path}/{call}"), 404, text)
+    problem(client.post(f"{path}/decision", json={"links": ["door"]}), 404, text)
+    problem(client.get(f"{path}/posterior/frame?iteration=7"), 404, "it has 0 to 6")
+    assert held.begun == []
+
+
 def test_a_deleted_session_ends_what_was_asked_of_it(
     client: httpx.Client, ids: Any, beside: ThreadPoolExecutor, held: Held
 ) -> None:

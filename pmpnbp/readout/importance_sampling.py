@@ -14,6 +14,7 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from pmpnbp.geometry.poses import Array
@@ -76,36 +77,35 @@ class Proposal:
         scale = np.sqrt(FREEDOM / rng.chisquare(FREEDOM, (count, 1)))
         found = np.tile(self.mean, (count, 1))
         found[:, own] += scale * rng.standard_normal((count, len(own))) @ spread.T
-        for coordinate, limit in self._folds:
-            inward = np.sign(self.lower[coordinate] + self.upper[coordinate] - 2 * limit)
-            found[:, coordinate] = limit + inward * np.abs(found[:, coordinate] - limit)
+        coordinates, limits = self._folds
+        inward = np.sign(self.lower[coordinates] + self.upper[coordinates] - 2 * limits)
+        found[:, coordinates] = limits + inward * np.abs(found[:, coordinates] - limits)
         for grid in self.grids:
             found[:, grid.coordinate] = grid.draw(rng, count)
         return found
 
     def log_density(self, rows: Array) -> Array:
         """(C,) of rows (C, P) within the limits."""
-        own, folds, spread = self._own, self._folds, self._spread
-        images = []
-        for mirrored in product((False, True), repeat=len(folds)):
-            image = rows.copy()
-            for (coordinate, limit), away in zip(folds, mirrored, strict=True):
-                if away:
-                    image[:, coordinate] = 2 * limit - image[:, coordinate]
-            deviates = np.linalg.solve(spread, (image - self.mean)[:, own].T)
-            images.append(np.einsum("pc,pc->c", deviates, deviates))
-        count = len(own)
-        log = -0.5 * (FREEDOM + count) * np.log1p(np.array(images) / FREEDOM)
-        norm = gammaln((FREEDOM + count) / 2) - gammaln(FREEDOM / 2) - 0.5 * count * np.log(FREEDOM * np.pi)
-        found = log_sum_exp(log, axis=0) + norm - np.log(np.diag(spread)).sum()
+        own, (coordinates, limits), whitening = self._own, self._folds, self._whitening
+        deviates = (rows[:, own] - self.mean[own]) @ whitening.T
+        # a row may be the image of any of its mirror images, which are where a step along these columns leads
+        columns = whitening[:, np.searchsorted(own, coordinates)]
+        mirrored = np.array(list(product((0.0, 1.0), repeat=len(limits))))[:, None]
+        steps = mirrored * 2 * (limits - rows[:, coordinates])
+        # |deviates + columns steps|^2 of each image, multiplied out: no array is as large as all images together
+        squares = (deviates**2).sum(axis=1) + 2 * (steps * (deviates @ columns)).sum(axis=-1)
+        squares += ((steps @ (columns.T @ columns)) * steps).sum(axis=-1)
+        log = -0.5 * (FREEDOM + len(own)) * np.log1p(np.maximum(squares, 0.0) / FREEDOM)
+        found = log_sum_exp(log, axis=0) + self._log_norm
         for grid in self.grids:
             found = found + grid.log_density(rows[:, grid.coordinate])
         return found
 
     @cached_property
-    def _own(self) -> Array:
-        gridded = [grid.coordinate for grid in self.grids]
-        return np.setdiff1d(np.arange(len(self.mean)), gridded)
+    def _own(self) -> NDArray[np.int64]:
+        free = np.ones(len(self.mean), dtype=np.bool_)
+        free[[grid.coordinate for grid in self.grids]] = False
+        return np.flatnonzero(free)
 
     @cached_property
     def _spread(self) -> Array:
@@ -113,13 +113,25 @@ class Proposal:
         return found
 
     @cached_property
-    def _folds(self) -> list[tuple[int, float]]:
-        """Coordinates that are folded, and the limit at which each is."""
+    def _whitening(self) -> Array:
+        found: Array = np.linalg.inv(self._spread)
+        return found
+
+    @cached_property
+    def _log_norm(self) -> float:
+        count = len(self._own)
+        norm = gammaln((FREEDOM + count) / 2) - gammaln(FREEDOM / 2) - 0.5 * count * np.log(FREEDOM * np.pi)
+        return float(norm - np.log(np.diag(self._spread)).sum())
+
+    @cached_property
+    def _folds(self) -> tuple[NDArray[np.int64], Array]:
+        """Coordinates (F,) that are folded, and the limits (F,) at which they are."""
         stds = np.sqrt(np.diag(self.covariance))
         below, above = (self.mean - self.lower) / stds, (self.upper - self.mean) / stds
         nearest = np.minimum(below, above)
-        chosen = [k for k in np.argsort(nearest, kind="stable") if k in self._own and nearest[k] < NEAR_LIMIT]
-        return [(int(k), float((self.lower if below[k] <= above[k] else self.upper)[k])) for k in chosen[:MOST_FOLDED]]
+        near = self._own[nearest[self._own] < NEAR_LIMIT]
+        chosen = near[np.argsort(nearest[near], kind="stable")][:MOST_FOLDED]
+        return chosen, np.where(below <= above, self.lower, self.upper)[chosen]
 
 
 @dataclass(frozen=True)
@@ -141,16 +153,16 @@ def adaptive_importance(
     not be above zero at all of them. Where it is nowhere, the weights are even and the integral is 0."""
     proposals: list[Proposal] = []
     rows, value = np.zeros((0, len(proposal.mean))), np.zeros(0)
-    # of each round's proposal, weighed by how many it drew, at the rows so far
-    proposed = np.zeros((0, 0))
+    # of all rounds' proposals together, each weighed by how many it drew, at the rows so far
+    proposed = np.zeros(0)
     for round_number, count in enumerate(counts):
         proposals.append(proposal)
         new = proposal.draw(rng, count)
+        proposed = np.logaddexp(proposed, np.log(count) + proposal.log_density(rows))
+        own = [np.log(drawn) + one.log_density(new) for drawn, one in zip(counts, proposals, strict=False)]
+        proposed = np.concatenate([proposed, log_sum_exp(np.array(own), axis=0)])
         rows, value = np.concatenate([rows, new]), np.concatenate([value, log_density(new)])
-        older = [np.log(drawn) + one.log_density(new) for drawn, one in zip(counts, proposals[:-1], strict=False)]
-        proposed = np.concatenate([proposed, np.reshape(older, (len(older), count))], axis=1)
-        proposed = np.concatenate([proposed, np.log(count) + proposal.log_density(rows)[None]])
-        log_weights = value - log_sum_exp(proposed, axis=0) + np.log(len(rows))
+        log_weights = value - proposed + np.log(len(rows))
         if round_number and _count(log_weights) >= enough:
             break
         proposal = _refitted(proposal, rows, log_weights)
@@ -178,7 +190,7 @@ def _refitted(proposal: Proposal, rows: Array, log_weights: Array) -> Proposal:
     tempered = normalise(tempering(log_weights, EFFECTIVE_SHARE) * log_weights)
     weights, effective, dimensions = np.exp(tempered), float(effective_sample_size(tempered)), len(proposal.mean)
     mean = weights @ rows
-    spread = np.einsum("c,cp,cq->pq", weights, rows - mean, rows - mean)
+    spread = (weights[:, None] * (rows - mean)).T @ (rows - mean)
     covariance = (effective * spread + dimensions * proposal.covariance) / (effective + dimensions)
     covariance += LEAST_VARIANCE * np.eye(dimensions)
     return Proposal(mean, covariance, proposal.lower, proposal.upper, proposal.grids)

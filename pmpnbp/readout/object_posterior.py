@@ -38,6 +38,9 @@ GRAIN = 0.009
 FIRST, LEAST, EACH, ROUNDS, ENOUGH = 64, 128, 16, 24, 60.0
 # Cells over a joint's range, and the least share of a uniform density in draws from them.
 CELLS, UNIFORM = 32, 0.1
+# Of so many cells next to each other one is looked at first; where that is worse by more nats, so are all. On even
+# seeds of `benchmarks.belief`, wrong models and absent objects among them, the same joints are then drawn from grids.
+STRIDE, HOPELESS = 4, 100.0
 # Densities along one axis alone, and of a few places, are taken this much less sharp: the other coordinates are not
 # quite where they are taken to be, and the score is rough.
 HALF_SURE = 0.5
@@ -217,17 +220,20 @@ def _grids(problem: Problem, root: Array, joints: Array, stds: Array) -> tuple[G
     if not len(moving):
         return ()
     offsets = (np.arange(CELLS) + 0.5) / CELLS * spans[moving, None] + (model.lower - joints)[moving, None]
-    tried = np.tile(joints, (len(moving), CELLS, 1))
-    tried[np.arange(len(moving)), :, moving] += offsets
-    rows = np.concatenate([joints[None], tried.reshape(-1, len(joints))])
-    log = log_posterior(problem, np.tile(root, (len(rows), 1)), rows)
-    here, log = log[0], log[1:].reshape(len(moving), CELLS)
+    distant = np.abs(offsets) > FAR * np.maximum(stds, spans / CELLS)[moving, None]
+    here = float(log_posterior(problem, root[None], joints[None])[0])
+    log = np.full(offsets.shape, -np.inf)
+    first = np.arange(CELLS) % STRIDE == STRIDE // 2
+    log[:, first] = _along(problem, root, joints, moving, offsets[:, first])
+    groups = distant.reshape(len(moving), -1, STRIDE).any(axis=2)
+    open_ = np.any(groups & (log[:, first] > here - HOPELESS), axis=1)
+    log[np.ix_(open_, ~first)] = _along(problem, root, joints, moving[open_], offsets[np.ix_(open_, ~first)])
     found = []
-    for place, coordinate in enumerate(moving):
+    for place in np.flatnonzero(open_):
+        coordinate = moving[place]
         cell = spans[coordinate] / CELLS
         top = max(here, log[place].max())
-        distant = np.abs(offsets[place]) > FAR * max(float(stds[coordinate]), cell)
-        beyond = cell * np.exp(log[place, distant] - top).sum()
+        beyond = cell * np.exp(log[place, distant[place]] - top).sum()
         near = np.sqrt(2 * np.pi) * min(float(stds[coordinate]), spans[coordinate]) * np.exp(here - top)
         if beyond <= ELSEWHERE * (beyond + near):
             continue
@@ -236,6 +242,14 @@ def _grids(problem: Problem, root: Array, joints: Array, stds: Array) -> tuple[G
         begin = float(model.lower[coordinate] - joints[coordinate])
         found.append(Grid(6 + int(coordinate), begin, begin + float(spans[coordinate]), weights))
     return tuple(found)
+
+
+def _along(problem: Problem, root: Array, joints: Array, coordinates: NDArray[np.int64], offsets: Array) -> Array:
+    """(J, K): the log posterior with one of the joint coordinates (J,) moved by each of its offsets (J, K)."""
+    tried = np.tile(joints, (*offsets.shape, 1))
+    tried[np.arange(len(coordinates)), :, coordinates] += offsets
+    rows = tried.reshape(-1, len(joints))
+    return log_posterior(problem, np.tile(root, (len(rows), 1)), rows).reshape(offsets.shape)
 
 
 def _information(

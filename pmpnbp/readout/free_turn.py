@@ -13,7 +13,7 @@ import numpy as np
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.readout.surface_distance import round_axis
+from pmpnbp.readout.surface_distance import part_surface
 from pmpnbp.scene.articulated_object import ArticulatedObject, Edge
 
 # Joint and part turn about one line where their axes are as parallel as this (cosine), and as near, metres.
@@ -34,8 +34,8 @@ class FreeTurn:
 def free_turn(model: ArticulatedObject) -> FreeTurn | None:
     """That of a model's root, or None where something tells how it is turned."""
     root = model.parts[0]
-    axis = round_axis(root) if root.visible else None
-    if axis is None:
+    axis = part_surface(root).axis
+    if not axis.any():
         return None
     used = [coordinate for edge in model.edges for coordinate in edge.coordinates.tolist()]
     coordinates, back = [], []

@@ -36,16 +36,17 @@ class Mode:
 
 
 def covariance(estimate: Array, particles: Array, weights: Array) -> Array:
-    """(6, 6): weighted second moment of poses (T, 7) about the pose `estimate` (7,), weights (T,) not all zero.
+    """(..., 6, 6): weighted second moments of poses (T, ..., 7) about the poses `estimate` (..., 7), weights (T,) not
+    all zero.
 
     ROS's order: x, y, z, then the rotation about axes through the estimate's origin parallel to the world's X, Y, Z.
     Square metres, metre-radians, square radians.
     """
-    offset = particles[:, :3] - estimate[:3]
-    turn = poses.quaternion_multiply(particles[:, 3:], poses.quaternion_conjugate(estimate[3:]))
-    deviation = np.concatenate([offset, poses.to_rotation_vector(turn)], axis=1)
-    moment: Array = np.einsum("t,ti,tj->ij", weights / weights.sum(), deviation, deviation)
-    return (moment + moment.T) / 2
+    offset = particles[..., :3] - estimate[..., :3]
+    turn = poses.quaternion_multiply(particles[..., 3:], poses.quaternion_conjugate(estimate[..., 3:]))
+    deviation = np.moveaxis(np.concatenate([offset, poses.to_rotation_vector(turn)], axis=-1), 0, -2)
+    moment = np.swapaxes(deviation, -1, -2) @ ((weights / weights.sum())[:, None] * deviation)
+    return (moment + np.swapaxes(moment, -1, -2)) / 2
 
 
 def std_xyz(covariances: Array) -> Array:

@@ -182,28 +182,25 @@ def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -
     """About an estimate (7,), (D,), whose nuisances the problem has taken."""
     model = problem.mrf.model
     weights = np.exp(posterior.log_weights)
-    here = model.link_poses(model.part_poses(root, joints), joints)
-    drawn = posterior.link_poses(model)
-    covariances = np.array([covariance(here[link], drawn[:, link], weights) for link in range(len(here))])
+    at = model.part_poses(root, joints)
+    here = model.link_poses(at, joints)
     gap = posterior.drawn_joints - joints
     gap = np.where(model.wraps, gap - 2 * np.pi * np.round(gap / (2 * np.pi)), gap)
     intervals = np.quantile(gap, [(1 - CENTRAL) / 2, (1 + CENTRAL) / 2], axis=0, weights=weights, method="inverted_cdf")
     surfaces, parts = part_surfaces(model), parts_of_links(model)
     node = np.array([parts[link] for link in model.links])
-    chosen = posterior.even_draws(DRAWS)
-    placed = posterior.part_poses(model, chosen)
-    at = model.part_poses(root, joints)
-    expected = distances(surfaces, at, placed).mean(axis=0)[node]
+    placed = posterior.part_poses(model, posterior.even_draws(DRAWS))
     mode_roots = np.array([mode.root for mode in posterior.modes])
     mode_joints = np.array([mode.joints for mode in posterior.modes])
     modes = model.part_poses(mode_roots, mode_joints)
     origins = np.linalg.norm(model.link_poses(modes, mode_joints)[..., :3] - here[:, :3], axis=-1)
+    apart = distances(surfaces, at, np.concatenate([placed, modes]))[:, node]
     return Spread(
-        covariances=covariances,
-        expected_add=expected,
+        covariances=covariance(here, posterior.link_poses(model), weights),
+        expected_add=apart[:DRAWS].mean(axis=0),
         joint_stds=np.sqrt(weights @ gap**2 / weights.sum()),
         joint_intervals=joints + intervals,
-        moved=np.fmax(distances(surfaces, at, modes)[:, node], origins),
+        moved=np.fmax(apart[DRAWS:], origins),
         round_turns=turn_agreement(surfaces, at, placed),
         denied=np.isin(node, [below for one in posterior.denied(model) for below in moving(problem.mrf, one)]),
     )

@@ -8,13 +8,16 @@ the axis are compared, and the tilt of the axis at the surface's mean distance f
 from __future__ import annotations
 
 from dataclasses import dataclass
+from threading import Lock
 
 import numpy as np
+from cachetools import LRUCache, cached
 from scipy.spatial import cKDTree
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.scene.articulated_object import ArticulatedObject, Part
+from pmpnbp.scene.meshes import KEPT, content
 from pmpnbp.scene.surface_points import area, even_points
 
 # Points of a part's surface that are averaged over.
@@ -39,7 +42,28 @@ class PartSurface:
 
 def part_surfaces(model: ArticulatedObject) -> tuple[PartSurface, ...]:
     """Of each part."""
-    return tuple(_part_surface(part) for part in model.parts)
+    return tuple(part_surface(part) for part in model.parts)
+
+
+def _content(part: Part) -> bytes:
+    return content([part.mesh])
+
+
+def _bytes(made: PartSurface) -> int:
+    return made.points.nbytes + made.axis.nbytes
+
+
+@cached(LRUCache(maxsize=KEPT, getsizeof=_bytes), key=_content, lock=Lock())
+def part_surface(part: Part) -> PartSurface:
+    """That of one part, which is always the same."""
+    if not part.visible:
+        return PartSurface(np.zeros((0, 3)), np.zeros(3), 0.0)
+    points = even_points(part.mesh, POINTS)
+    axis = _round_axis(part)
+    if axis is None:
+        return PartSurface(points, np.zeros(3), 0.0)
+    feet = part.centre + np.outer((points - part.centre) @ axis, axis)
+    return PartSurface(feet, axis, float(np.linalg.norm(points - feet, axis=1).mean()))
 
 
 def distances(surfaces: tuple[PartSurface, ...], here: Array, there: Array) -> Array:
@@ -49,10 +73,11 @@ def distances(surfaces: tuple[PartSurface, ...], here: Array, there: Array) -> A
         if not len(surface.points):
             continue
         moved = poses.transform_points(there[..., node, None, :], surface.points)
-        apart = np.linalg.norm(moved - poses.transform_points(here[node], surface.points), axis=-1).mean(axis=-1)
-        axis_there, axis_here = (poses.rotate(some[..., node, 3:], surface.axis) for some in (there, here))
-        tilt = np.linalg.norm(np.cross(axis_there, axis_here), axis=-1)
-        found[..., node] = apart + surface.radius * tilt
+        apart = moved - poses.transform_points(here[node], surface.points)
+        found[..., node] = np.sqrt(np.einsum("...pi,...pi->...p", apart, apart)).mean(axis=-1)
+        if surface.radius > 0:
+            axis_there, axis_here = (poses.rotate(some[..., node, 3:], surface.axis) for some in (there, here))
+            found[..., node] += surface.radius * np.linalg.norm(np.cross(axis_there, axis_here), axis=-1)
     return found
 
 
@@ -68,24 +93,14 @@ def turn_agreement(surfaces: tuple[PartSurface, ...], here: Array, there: Array)
     return found
 
 
-def _part_surface(part: Part) -> PartSurface:
-    if not part.visible:
-        return PartSurface(np.zeros((0, 3)), np.zeros(3), 0.0)
-    points = even_points(part.mesh, POINTS)
-    axis = round_axis(part)
-    if axis is None:
-        return PartSurface(points, np.zeros(3), 0.0)
-    feet = part.centre + np.outer((points - part.centre) @ axis, axis)
-    return PartSurface(feet, axis, float(np.linalg.norm(points - feet, axis=1).mean()))
-
-
-def round_axis(part: Part) -> Array | None:
+def _round_axis(part: Part) -> Array | None:
     """(3,) the axis of a part's frame about which it is round, as one with a surface may be, or None."""
-    spacing = np.sqrt(area(part.mesh) / TOLD_BY)
+    extents = part.extents
     for number, axis in enumerate(np.eye(3)):
-        across = np.delete(part.extents, number)
+        across = np.delete(extents, number)
         if across.max() == 0 or np.ptp(across) > WIDTHS * across.max():
             continue
+        spacing = np.sqrt(area(part.mesh) / TOLD_BY)
         points = even_points(part.mesh, TOLD_BY) - part.centre
         turned = poses.rotate(poses.from_rotation_vector(ANGLE * axis), points[:: TOLD_BY // TURNED])
         if cKDTree(points).query(turned)[0].mean() < NEAREST * spacing:

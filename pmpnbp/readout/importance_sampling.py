@@ -109,13 +109,11 @@ class Proposal:
 
     @cached_property
     def _spread(self) -> Array:
-        found: Array = np.linalg.cholesky(self.covariance[np.ix_(self._own, self._own)])
-        return found
+        return np.asarray(np.linalg.cholesky(self.covariance[np.ix_(self._own, self._own)]), dtype=np.float64)
 
     @cached_property
     def _whitening(self) -> Array:
-        found: Array = np.linalg.inv(self._spread)
-        return found
+        return np.asarray(np.linalg.inv(self._spread), dtype=np.float64)
 
     @cached_property
     def _log_norm(self) -> float:

@@ -5,20 +5,18 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
 import pmpnbp
+from pmpnbp.readout.checkpoint import SOON, Checkpoint
 
 if TYPE_CHECKING:  # importing it would already compile a kernel, before a word is said
     from pmpnbp.inference.belief import IterationReport
 
 
-# Seconds after which the read-out is told of: most are over by then.
-SOON = 0.5
 # Modules whose kernels every run needs, and which take longest to compile.
 _NEEDED = ("rasteriser", "splatting", "joint_sums")
 
@@ -45,7 +43,7 @@ def announce(quiet: bool) -> None:
         sys.stderr.flush()
 
 
-def reading_out(quiet: bool) -> Callable[[], None]:
+def reading_out(quiet: bool) -> Checkpoint:
     """The checkpoint of a read-out that begins now: says so once, where it takes long."""
     began = time.monotonic()
     told = quiet

@@ -62,14 +62,15 @@ def read(
 async def told(
     request: Request, session_id: str, iteration: int | None, links: Iterable[str]
 ) -> tuple[Source, Snapshot]:
-    """What `read` gives, with its posterior where it is not of the search, for calls in the event loop."""
+    """What `read` gives, with its posterior where it is not of the search, for calls in the event loop. HttpProblem
+    404, 409, and 408, which nobody hears."""
     source, snapshot = await anyio.to_thread.run_sync(read, request, session_id, iteration, links)
     return source, await read_out(request, source, snapshot)
 
 
 async def read_out(request: Request, source: Source, snapshot: Snapshot) -> Snapshot:
     """The snapshot with its posterior, for calls in the event loop: it is read out elsewhere, for as long as the client
-    stays. HttpProblem 409."""
+    stays. HttpProblem 409, and 408, which nobody hears."""
     asked = asyncio.wrap_future(source.read_outs.ask(snapshot))
     gone = asyncio.ensure_future(_gone(request))
     try:

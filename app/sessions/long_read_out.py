@@ -9,10 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 
-from pmpnbp.readout.checkpoint import Checkpoint
-
-# Seconds after which a read-out is told of: most are over by then.
-SOON = 0.5
+from pmpnbp.readout.checkpoint import SOON, Checkpoint
 
 
 class GaveWay(Exception):

@@ -9,6 +9,9 @@ from collections.abc import Callable
 # Called again and again, from the thread that reads out; returns, or raises what ends the read-out.
 Checkpoint = Callable[[], object]
 
+# Seconds after which people are told that a read-out goes on: most are over by then.
+SOON = 0.5
+
 
 def go_on() -> None:
     """The checkpoint of a read-out that nothing ends."""

@@ -11,7 +11,6 @@ from functools import partial
 
 from pmpnbp.readout.checkpoint import SOON, Checkpoint
 
-
 # So many times in a row it gives way; then it goes on to its end, for else who asks for something again and again would
 # keep it from ever being told.
 GIVES_WAY = 3

@@ -23,7 +23,7 @@ _KEPT = 16
 
 _lock = threading.Lock()
 # with the posterior, so that no other one can have its id
-_known: LRUCache[tuple[int, tuple[str, ...]], tuple[Posterior, tuple[RankedView, ...]]] = LRUCache(_KEPT)
+_known: LRUCache[tuple[int, tuple[str, ...], float], tuple[Posterior, tuple[RankedView, ...]]] = LRUCache(_KEPT)
 
 
 def uncertain(snapshot: Snapshot, links: Sequence[str], max_std: float) -> list[str]:
@@ -32,29 +32,30 @@ def uncertain(snapshot: Snapshot, links: Sequence[str], max_std: float) -> list[
     return [link for link in links if not certain[names.index(link)]]
 
 
-def next_views(snapshot: Snapshot, links: Sequence[str]) -> tuple[RankedView, ...]:
-    """The best places around the object to look from, by what a scan is expected to tell of the links, best first; none
-    where there is no posterior."""
+def next_views(snapshot: Snapshot, links: Sequence[str], max_std: float | None = None) -> tuple[RankedView, ...]:
+    """The best places around the object to look from, by what a scan is expected to tell of the links that is not known
+    to `max_std`, metres, None: the session's; best first. None where there is no posterior."""
+    limit = snapshot.criteria.max_std if max_std is None else max_std
     posterior = snapshot.placed.posterior
     if posterior is None:
         return ()
-    key = id(posterior), tuple(links)
+    key = id(posterior), tuple(links), limit
     with _lock:
         known = _known.get(key)
     if known is None:
-        known = posterior, ranking(snapshot, posterior, links, None)[:TOLD]
+        known = posterior, ranking(snapshot, posterior, links, None, limit)[:TOLD]
         with _lock:
             _known[key] = known
     return known[1]
 
 
 def ranking(
-    snapshot: Snapshot, posterior: Posterior, links: Sequence[str], views: Sequence[PlannedView] | None
+    snapshot: Snapshot, posterior: Posterior, links: Sequence[str], views: Sequence[PlannedView] | None, max_std: float
 ) -> tuple[RankedView, ...]:
-    """The views, None: those around the object, best first."""
+    """The views, None: those around the object, best first by what is not known to `max_std`, metres."""
     problem = snapshot.problem.taking(snapshot.report.nuisances)
     if not problem.observation.views or not links:
         return ()
     names = problem.mrf.model.links
     tried = around(problem, posterior) if views is None else views
-    return tuple(ranked(problem, posterior, [names.index(link) for link in links], tried))
+    return tuple(ranked(problem, posterior, [names.index(link) for link in links], tried, max_std))

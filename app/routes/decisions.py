@@ -91,7 +91,7 @@ def _decided(
         "links": asked,
         "blocking": blocking,
         "sight": _sight(snapshot, blocking),
-        "views": _views(snapshot, blocking or asked, views) if wanted else [],
+        "views": _views(snapshot, blocking or asked, views, limit) if wanted else [],
     }
 
 
@@ -107,12 +107,15 @@ def _action(snapshot: Snapshot, blocking: list[str], max_std: float) -> tuple[st
     return "look", f"{some_of(blocking)} may be off by more than {1000 * max_std:g} mm"
 
 
-def _views(snapshot: Snapshot, links: Sequence[str], views: Sequence[PlannedView] | None) -> list[dict[str, Any]]:
-    """The views, or the best of those around the object, by what they are expected to tell of the links."""
+def _views(
+    snapshot: Snapshot, links: Sequence[str], views: Sequence[PlannedView] | None, limit: float
+) -> list[dict[str, Any]]:
+    """The views, or the best of those around the object, by what they are expected to tell of the links that is not
+    known to `limit`, metres."""
     posterior = snapshot.placed.posterior
     if posterior is None:
         return []
-    found = next_views(snapshot, links) if views is None else ranking(snapshot, posterior, links, views)
+    found = next_views(snapshot, links, limit) if views is None else ranking(snapshot, posterior, links, views, limit)
     return [
         {
             "pose": pose_members(one.view.pose),

@@ -89,7 +89,7 @@ def joint_stds(rng: np.random.Generator, model: ArticulatedObject, belief: Belie
     found = np.full(model.dof, np.inf)
     if belief.joint_positions is not None:
         seen = np.array([c for edge in model.edges for c in edge.coordinates[edge.multiplier != 0]], dtype=np.int64)
-        offset = _around(belief.joint_positions - estimate, model.wraps)
+        offset = short_way_round(belief.joint_positions - estimate, model.wraps)
         weights = np.exp(belief.log_weights[0])
         found[seen] = np.sqrt(np.einsum("t,td->d", weights / weights.sum(), offset**2))[seen]
     else:
@@ -113,9 +113,9 @@ def joint_draws(rng: np.random.Generator, edge: Edge, belief: Belief) -> Array:
 
 
 def _edge_spread(rng: np.random.Generator, edge: Edge, belief: Belief, estimate: Array) -> Array:
-    return np.sqrt(np.mean(_around(joint_draws(rng, edge, belief) - estimate, edge.wraps) ** 2, axis=0))
+    return np.sqrt(np.mean(short_way_round(joint_draws(rng, edge, belief) - estimate, edge.wraps) ** 2, axis=0))
 
 
-def _around(difference: Array, wraps: NDArray[np.bool_]) -> Array:
+def short_way_round(difference: Array, wraps: NDArray[np.bool_]) -> Array:
     """Differences (..., K) of positions, the short way round where an axis turns freely."""
     return np.where(wraps, difference - 2 * np.pi * np.round(difference / (2 * np.pi)), difference)

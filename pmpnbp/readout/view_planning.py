@@ -1,9 +1,11 @@
 """From where to look next? Views ranked by how much a scan from there is expected to tell of some links.
 
-Draws of the posterior are rendered from each view. Were one of them the truth, the scan would tell the others from it
-by as much as their images differ, scored as the estimate's pixels are; the weights that remain, averaged over which
-draw is the truth, give the standard deviations that are expected after the scan. Surfaces that were seen, and that the
-object does not explain, block the sight.
+Draws of the posterior are rendered from each view (`expected_scan`). Were one of them the truth, a scan would tell the
+others from it by as much as their images differ, and its own place as sharply as the score is curved there. A draw
+stands for its neighbourhood, all that lies nearer to it than to the next, so that two things together are left after
+the scan: the draws that it does not tell from the true one, and what the curvature leaves of the neighbourhood.
+Averaged over which draw is the truth they give the standard deviations that are expected, and the fall of the entropy
+of the links' positions, which is the gain.
 """
 
 from __future__ import annotations
@@ -13,29 +15,29 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.log_weights import normalise
 from pmpnbp.inference.problem import Problem
-from pmpnbp.potentials.unary import render, renders
-from pmpnbp.readout.object_posterior import confidence
+from pmpnbp.inference.registration import moved, probes
+from pmpnbp.readout.expected_scan import blocking_points, expected_scan, information, told_apart
+from pmpnbp.readout.particle_statistics import short_way_round
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.scene.articulated_object import parts_of_links
-from pmpnbp.scene.observation import SUPPORT
+from pmpnbp.settings import SessionOptions
 
-# Draws that are told apart; pixels across and down of the images they are told apart in, and their field of view.
-DRAWS, WIDTH, HEIGHT, FIELD = 40, 64, 48, np.deg2rad(60.0)
+# Draws that are told apart, and every how manyth of them the curvature is taken at.
+DRAWS, EVERY = 40, 4
+# Pixels across and down of the images they are told apart in, and their field of view.
+WIDTH, HEIGHT, FIELD = 64, 48, np.deg2rad(60.0)
 # Candidates around the object: turns, and heights over its middle in shares of the distance; from no higher than this.
 TURNS, STEEP = 12, (0.25, 0.65)
-# Metres behind the object at which everything else is taken to be.
-BEHIND = 1.0
-# Metres: no link is expected to be known better than this.
-BEST = 5e-4
-# Pixels about a blocking point that it hides.
-BLOCKED = 1
+# Metres: what is known better is taken to be known so well.
+LEAST = 1e-5
+# Views whose gains over their costs are the same to this share of the best one's are as good as each other.
+TIE = 0.01
 
 
 @dataclass(frozen=True)
@@ -75,56 +77,155 @@ def around(problem: Problem, posterior: Posterior) -> list[PlannedView]:
 
 
 def ranked(
-    problem: Problem, posterior: Posterior, links: Sequence[int], views: Sequence[PlannedView]
+    problem: Problem,
+    posterior: Posterior,
+    links: Sequence[int],
+    views: Sequence[PlannedView],
+    max_std: float = SessionOptions.max_std,
 ) -> list[RankedView]:
     """The views, best first: by what they are expected to tell of `links`, numbers in the model's order, over their
-    cost."""
-    chosen = posterior.even_draws(DRAWS)
+    cost. max_std : metres, what is known to within it needs not be told. Of views that tell as much the cheaper one
+    comes first, then the one that is expected to tell more beyond that, then that which turns the camera less."""
     model = problem.mrf.model
-    drawn = _places(problem, posterior.drawn_roots[chosen], posterior.drawn_joints[chosen], links)
-    roots, joints = _what_is_open(problem, posterior, chosen)
+    chosen = posterior.even_draws(DRAWS)
+    near, is_open = _neighbourhoods(problem, posterior, chosen)
+    roots, joints = _what_is_open(posterior, chosen, is_open)
     parts, places = model.part_poses(roots, joints), _places(problem, roots, joints, links)
-    # what is known well enough is not told apart, and remains
-    rest = np.maximum(drawn.var(axis=0) - places.var(axis=0), 0.0) + BEST**2
-    shown = sorted({parts_of_links(model)[model.links[link]] for link in links})
-    blocking = _blocking_points(problem, posterior)
-    found, in_sight = [], []
+    some = chosen[EVERY // 2 :: EVERY]
+    around_some = near[posterior.mode[some]]
+    steps, probed_roots, probed_joints = _probed(problem, posterior.drawn_roots[some], posterior.drawn_joints[some])
+    probed = problem.mrf.part_poses(probed_roots, probed_joints)
+    slopes = _slopes(problem, steps, probed_roots, probed_joints, links)
+    middle, blocking = _middle(problem, posterior), blocking_points(problem, posterior.root, posterior.joints)
+
+    def left(told: Array, neighbourhoods: NDArray[np.floating]) -> Array:
+        """(K, 2 A, 3, 3) covariances of places, were each draw the truth."""
+        linear = np.einsum("tpac,tpq,tqad->tacd", slopes, neighbourhoods, slopes)
+        return _mixed(np.exp(normalise(-told)), places) + np.repeat(linear, EVERY, axis=0)
+
+    before = left(np.zeros((DRAWS, DRAWS)), around_some)
+    found = []
     for view in views:
-        told, pixels = _told_apart(problem, parts, blocking, view.pose, shown)
-        weights = np.exp(normalise(-told))
-        means = np.einsum("ij,jac->iac", weights, places)
-        squares = np.einsum("ij,jac->iac", weights, places**2)
-        after = np.maximum((squares - means**2).mean(axis=0), 0.0)
-        gain = 0.5 * np.log((places.var(axis=0) + rest) / (after + rest)).sum()
-        found.append(RankedView(view, float(max(gain, 0.0)), np.sqrt(after + rest)))
-        in_sight.append(pixels)
-    # of views that tell as much, from which more of the links is seen
-    order = sorted(range(len(found)), key=lambda k: (-round(found[k].gain, 1), -in_sight[k]))
-    return sorted((found[k] for k in order), key=lambda one: -round(one.gain, 1) / one.view.cost)
+        scan = expected_scan(problem, _camera(view.pose), middle, blocking)
+        told, seen = told_apart(scan, parts)
+        sharper = np.linalg.inv(np.linalg.inv(around_some) + information(scan, seen, steps, probed))
+        after = left(told, sharper + np.diag((scan.grain / _levers(problem)) ** 2))
+        variances = np.minimum(_diagonal(after), _diagonal(before))[:, : len(links)]
+        gain, beyond = (_fall(before, after, least) for least in (max_std, LEAST))
+        found.append((RankedView(view, gain, np.sqrt(variances).mean(axis=0)), beyond))
+    return _in_order(problem, found)
+
+
+def _in_order(problem: Problem, found: list[tuple[RankedView, float]]) -> list[RankedView]:
+    cameras = np.array([view.camera.pose_world_camera for view in problem.observation.views])
+    best = max((one.gain / one.view.cost for one, _ in found), default=0.0)
+
+    def key(pair: tuple[RankedView, float]) -> tuple[float, float, float, float]:
+        one, beyond = pair
+        worth = one.gain / one.view.cost / best if best > 0 else 0.0
+        turn = float(poses.rotation_angle(cameras[:, 3:], one.view.pose[3:]).min())
+        return -round(worth / TIE), one.view.cost, -beyond, turn
+
+    return [one for one, _ in sorted(found, key=key)]
 
 
 def _places(problem: Problem, roots: Array, joints: Array, links: Sequence[int]) -> Array:
-    """(K, A, 3) positions of links in configurations (K, 7), (K, D)."""
-    model = problem.mrf.model
-    return model.link_poses(model.part_poses(roots, joints), joints)[:, list(links), :3]
+    """(K, 2 A, 3) of links in configurations (K, 7), (K, D): their origins, then the middles of the parts that they
+    move with: of a door whose origin is on its hinge only the latter moves."""
+    model, part_of = problem.mrf.model, parts_of_links(problem.mrf.model)
+    parts = model.part_poses(roots, joints)
+    nodes = [part_of[model.links[link]] for link in links]
+    middles = poses.transform_points(parts[:, nodes], problem.mrf.centres[nodes])
+    return np.concatenate([model.link_poses(parts, joints)[:, list(links), :3], middles], axis=1)
 
 
-def _what_is_open(problem: Problem, posterior: Posterior, chosen: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Roots (K, 7) and joints (K, D) of draws, with those coordinates that are known to within the tolerance put where
-    the draw's mode has them: else each draw would be told from all others by its last millimetre, and with it what no
-    view shows."""
-    roots, joints = posterior.drawn_roots[chosen].copy(), posterior.drawn_joints[chosen].copy()
-    of_draw = posterior.mode[chosen]
-    levers = np.where(problem.joint_turns, float(problem.mrf.radii.max()), 1.0)
+def _mixed(weights: Array, places: Array) -> Array:
+    """(I, A, 3, 3) covariances of positions (J, A, 3), by weights (I, J) that sum to 1."""
+    means = np.einsum("ij,jac->iac", weights, places)
+    gaps = places - means[:, None]
+    return np.einsum("ij,ijac,ijad->iacd", weights, gaps, gaps)
+
+
+def _diagonal(covariances: Array) -> Array:
+    return np.diagonal(covariances, axis1=-2, axis2=-1)
+
+
+def _fall(before: Array, after: Array, least: float) -> float:
+    """Nats by which the entropy of A links' positions falls, in the mean over I, from covariances (I, 2 A, 3, 3) of
+    `_places`, of which a link's one counts that falls more; along each axis down to a deviation of `least` metres."""
+    known, left = (np.maximum(np.linalg.eigvalsh(each), least**2) for each in (before, after))
+    fall = np.maximum(0.5 * np.log(known / left).sum(axis=-1), 0.0)
+    return float(fall.reshape(len(fall), 2, -1).max(axis=1).sum(axis=1).mean())
+
+
+def _camera(pose: Array) -> Camera:
+    focal = WIDTH / (2 * np.tan(FIELD / 2))
+    return Camera(WIDTH, HEIGHT, focal, focal, (WIDTH - 1) / 2, (HEIGHT - 1) / 2, pose)
+
+
+def _levers(problem: Problem) -> Array:
+    """(6 + D,) metres that the object moves for one unit of each coordinate of root and joints."""
+    reach = float(problem.mrf.radii.max())
+    return np.concatenate([np.ones(3), np.full(3, reach), np.where(problem.joint_turns, reach, 1.0)])
+
+
+def _neighbourhoods(
+    problem: Problem, posterior: Posterior, chosen: NDArray[np.int64]
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Of each mode which coordinates are open, (M, 6 + D), that is not known to within the tolerance, the root's all
+    together; and the covariance (M, 6 + D, 6 + D) that a draw of those `chosen` (K,) stands for: of open coordinates
+    what lies between two of them, of the others all. Coordinates are the root's translation and rotation vector about
+    its centre, and joints."""
+    model, centre = problem.mrf.model, problem.mrf.centres[0]
+    near, is_open = [], []
     for number, mode in enumerate(posterior.modes):
-        own = of_draw == number
-        if not own.any():
-            continue
-        if roots[own, :3].std(axis=0).max() < problem.tolerance_end:
-            roots[own] = mode.root
-        known = joints[own].std(axis=0) * levers < problem.tolerance_end
-        joints[np.ix_(own, known)] = mode.joints[known]
-    return roots, joints
+        own = posterior.mode == number
+        roots, weights = posterior.drawn_roots[own], np.exp(normalise(posterior.log_weights[own]))
+        moves = poses.transform_points(roots, centre) - poses.transform_points(mode.root, centre)
+        turns = poses.quaternion_multiply(roots[:, 3:], poses.quaternion_conjugate(mode.root[3:]))
+        slides = short_way_round(posterior.drawn_joints[own] - mode.joints, model.wraps)
+        offsets = np.concatenate([moves, poses.to_rotation_vector(turns), slides], axis=1)
+        covariance = np.cov(offsets.T, aweights=weights, bias=True) + np.diag((LEAST / _levers(problem)) ** 2)
+        wide = np.sqrt(np.diagonal(covariance)) * _levers(problem) >= problem.tolerance_end
+        wide[:6] = wide[:6].any()
+        # so many draws fill the open coordinates' volume
+        count, size = max(len(np.unique(chosen[own[chosen]])), 1), max(int(wide.sum()), 1)
+        share = np.where(wide, count ** (-1.0 / size), 1.0)
+        near.append(covariance * np.outer(share, share))
+        is_open.append(wide)
+    return np.array(near), np.array(is_open)
+
+
+def _what_is_open(posterior: Posterior, chosen: NDArray[np.int64], is_open: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Roots (K, 7) and joints (K, D) of draws, with those coordinates that are not open (M, 6 + D) put where the draw's
+    mode has them: else each draw would be told from all others by its last millimetre, and with it what no view
+    shows."""
+    wide = is_open[posterior.mode[chosen]]
+    roots = np.array([mode.root for mode in posterior.modes])[posterior.mode[chosen]]
+    joints = np.array([mode.joints for mode in posterior.modes])[posterior.mode[chosen]]
+    return (
+        np.where(wide[:, :1], posterior.drawn_roots[chosen], roots),
+        np.where(wide[:, 6:], posterior.drawn_joints[chosen], joints),
+    )
+
+
+def _probed(problem: Problem, roots: Array, joints: Array) -> tuple[Array, Array, Array]:
+    """What each coordinate of configurations (T, 7), (T, D) is moved by for a derivative, (T, 6 + D), a joint away from
+    its upper limit; and the configurations (T, 1 + 6 + D, 7), (T, 1 + 6 + D, D), as they are and moved by each."""
+    model = problem.mrf.model
+    steps = np.tile(probes(problem), (len(roots), 1))
+    steps[:, 6:][~model.wraps & (joints + steps[:, 6:] > model.upper)] *= -1.0
+    size = steps.shape[1]
+    return steps, *moved(problem, roots, joints, steps[:, None] * np.concatenate([np.zeros((1, size)), np.eye(size)]))
+
+
+def _slopes(problem: Problem, steps: Array, roots: Array, joints: Array, links: Sequence[int]) -> Array:
+    """(T, 6 + D, 2 A, 3): how far `_places` move for one unit of each coordinate, from what was probed."""
+    count, size = steps.shape
+    found = _places(problem, roots.reshape(-1, 7), joints.reshape(len(steps) * (1 + size), -1), links)
+    found = found.reshape(count, 1 + size, -1, 3)
+    slopes: Array = (found[:, 1:] - found[:, :1]) / steps[:, :, None, None]
+    return slopes
 
 
 def looking_at(eye: Array, target: Array, up: Array) -> Array:
@@ -144,56 +245,4 @@ def _middle(problem: Problem, posterior: Posterior) -> Array:
     parts = problem.mrf.part_poses(posterior.root, posterior.joints)
     corners = poses.transform_points(parts, problem.mrf.centres)
     found: Array = (corners.min(axis=0) + corners.max(axis=0)) / 2
-    return found
-
-
-def _told_apart(
-    problem: Problem, parts: Array, blocking: Array, pose: Array, shown: Sequence[int]
-) -> tuple[Array, float]:
-    """(K, K) nats by which a scan from `pose` would tell draw j of part poses (K, N, 7) from draw i, were i the truth;
-    and how many pixels of the parts `shown` it would have, in the mean."""
-    focal = WIDTH / (2 * np.tan(FIELD / 2))
-    camera = Camera(WIDTH, HEIGHT, focal, focal, (WIDTH - 1) / 2, (HEIGHT - 1) / 2, pose)
-    images = [render(camera, problem.surfaces, draw) for draw in parts]
-    depth = np.array([image.ravel() for image, _ in images])
-    number = np.array([which.ravel() for _, which in images])
-    # where something stands before all draws nothing is told
-    open_to_sight = (depth > 0) & (depth <= _blocked(camera, blocking))
-    pixels = float(np.count_nonzero(np.isin(number, shown) & open_to_sight)) / len(parts)
-    seen = open_to_sight.any(axis=0)
-    if not seen.any():
-        return np.zeros((len(parts), len(parts))), 0.0
-    depth = depth[:, seen].astype(np.float64)
-    depth = np.where(depth > 0, depth, depth.max() + BEHIND)
-    # a pixel weighs by the square of its distance, as in the score, and as many of the working images' as it holds
-    working = problem.observation.views[0].camera
-    area = (depth.min(axis=0) / problem.unit_distance) ** 2 * (working.fx / focal) ** 2
-    told = np.array([np.minimum(((depth - one) / problem.tolerance_end) ** 2, 1.0) @ area for one in depth])
-    return confidence(problem) * told, pixels
-
-
-def _blocking_points(problem: Problem, posterior: Posterior) -> Array:
-    """(B, 3) points in world that were measured, that no support plane holds and the estimate does not explain."""
-    parts = problem.mrf.part_poses(posterior.root, posterior.joints)
-    found = []
-    for view, _, depth, _ in renders(problem.observation, problem.surfaces, parts, problem.nuisances):
-        near = (depth > 0) & (np.abs(view.depth - depth) < 2 * problem.tolerance_end)
-        chosen = (view.depth > 0) & (view.category != SUPPORT) & ~near
-        points = view.camera.back_project(view.depth)[chosen]
-        found.append(poses.transform_points(np.asarray(view.camera.pose_world_camera, dtype=np.float64), points))
-    return np.concatenate(found) if found else np.zeros((0, 3))
-
-
-def _blocked(camera: Camera, points: Array) -> NDArray[np.float32]:
-    """(h w,) metres from which on pixels are hidden by points (B, 3) in world; infinite where none is."""
-    nearest = np.full(camera.width * camera.height, np.inf, dtype=np.float32)
-    if len(points):
-        inside = poses.transform_points(poses.inverse(np.asarray(camera.pose_world_camera, dtype=np.float64)), points)
-        inside = inside[inside[:, 2] > 0.05]
-        pixel = np.rint(camera.project(inside)[:, :2]).astype(np.int64)
-        within = np.all((pixel >= 0) & (pixel < [camera.width, camera.height]), axis=1)
-        np.minimum.at(nearest, pixel[within, 1] * camera.width + pixel[within, 0], inside[within, 2].astype(np.float32))
-    size = 2 * BLOCKED + 1
-    spread = ndimage.minimum_filter(nearest.reshape(camera.height, camera.width), size=size, mode="nearest")
-    found: NDArray[np.float32] = spread.ravel()
     return found

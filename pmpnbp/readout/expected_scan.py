@@ -1,0 +1,165 @@
+"""What would a scan from another place tell? Draws of the posterior, rendered from there and scored as pixels are.
+
+It would tell two things. Which of the draws it is: `told_apart` counts what their images differ by, which is as much as
+there is to know of a drawer that may be anywhere, and no more than the draws are dense. And how sharply that is then
+seen: the curvature of the score, which is Fisher's information of the pixels, as the view's distance, its slant and its
+share of every part make it. Outlines are told apart, and have no curvature.
+
+Surfaces that were seen and that the object does not explain block the sight, and so do the support planes, floor, wall
+or table top, for a camera on their other side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.camera import Camera
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.registration import PROBE
+from pmpnbp.potentials import nuisances
+from pmpnbp.potentials.unary import normal_equations, render, renders
+from pmpnbp.readout.object_posterior import GRAIN, confidence
+from pmpnbp.scene.observation import NO_DEPTH, OBJECT, SUPPORT, View
+
+# Metres behind the object at which everything else is taken to be.
+BEHIND = 1.0
+# Pixels about a blocking point that it hides.
+BLOCKED = 1
+# A surface slanted by more shows no depth to a camera: structured light loses it there (Nguyen et al. 2012). Its depth
+# changes so much with a small move that it would seem to tell most of all.
+GRAZING = np.deg2rad(80.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExpectedScan:
+    """A scan that is not made yet.
+
+    problem : its noise and nuisances are those of the scan alone
+    camera : that it is rendered with; share : of the working images' pixels one of the camera's is so many
+    hidden : (h w,) metres from which on nothing is seen
+    grain : metres at the object that the grain of the working images hides, see `object_posterior.GRAIN`
+    """
+
+    problem: Problem
+    camera: Camera
+    hidden: NDArray[np.float32]
+    share: float
+    grain: float
+
+
+def expected_scan(problem: Problem, camera: Camera, target: Array, blocking: Array) -> ExpectedScan:
+    """The scan that `camera` would make of an object at `target` (3,), behind `blocking_points`, all in world: by the
+    sensor of the first view, whose noise grows with the distance squared, and as large in the working image."""
+    first = problem.observation.views[0]
+    distance = float(np.linalg.norm(target - np.asarray(camera.pose_world_camera)[:3]))
+    before = first.distance or distance
+    # the new camera's pose, and what it has wrong at all depths, is as unknown as that of any further view
+    levers = nuisances.levers(np.array([before, distance]), problem.mrf.radii)
+    stds, levers = (
+        nuisances.of_last_views(of_both, 2, 1)
+        for of_both in (nuisances.prior_stds(problem.settings, levers, 2), levers)
+    )
+    given = replace(
+        problem,
+        noise=problem.noise[:1] * (distance / before) ** 2,
+        nuisance_std=stds,
+        nuisance_levers=levers,
+        nuisances=np.zeros(len(stds)) if stds.any() else None,
+    )
+    planes = problem.observation.planes
+    beyond = np.any(planes[:, :3] @ np.asarray(camera.pose_world_camera)[:3] + planes[:, 3] < 0)
+    hidden = np.zeros(camera.width * camera.height, dtype=np.float32) if beyond else _blocked(camera, blocking)
+    return ExpectedScan(
+        problem=given,
+        camera=camera,
+        hidden=hidden,
+        share=(first.camera.fx / camera.fx) ** 2,
+        grain=GRAIN * min(before, distance) / first.camera.fx,
+    )
+
+
+def told_apart(scan: ExpectedScan, parts: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """(K, K) nats by which the scan would tell draw j of part poses (K, N, 7) from draw i, were i the truth; and the
+    pixels (h w,) in which something of a draw is in sight."""
+    depth = np.array([render(scan.camera, scan.problem.surfaces, draw)[0].ravel() for draw in parts])
+    seen = np.any((depth > 0) & (depth <= scan.hidden), axis=0)
+    if not seen.any():
+        return np.zeros((len(parts), len(parts))), seen
+    depth = depth[:, seen].astype(np.float64)
+    depth = np.where(depth > 0, depth, depth.max() + BEHIND)
+    # a pixel weighs by the square of its distance, as in the score, and as many of the working images' as it holds
+    area = (depth.min(axis=0) / scan.problem.unit_distance) ** 2 * scan.share
+    told = np.array([np.minimum(((depth - one) / scan.problem.tolerance_end) ** 2, 1.0) @ area for one in depth])
+    return confidence(scan.problem) * told, seen
+
+
+def information(scan: ExpectedScan, seen: NDArray[np.bool_], steps: Array, parts: Array) -> Array:
+    """(T, P, P): were one of T configurations the truth, the inverse of the covariance with which the scan alone would
+    tell P coordinates from the pixels `seen` (h w,), whatever the nuisances are.
+
+    parts : (T, 1 + P, N, 7) part poses, as they are and with each coordinate moved by its step; steps : (T, P)
+    """
+    problem, camera = scan.problem, scan.camera
+    count, size = steps.shape
+    if not seen.any():
+        return np.zeros((count, size, size))
+    free = np.flatnonzero(problem.nuisance_std)
+    probes = PROBE / problem.nuisance_levers[free]
+    moves = None
+    if len(free):
+        moves = np.zeros((1 + size + len(free), len(problem.nuisance_std)))
+        moves[1 + size :, free] = np.diag(probes)
+    shape = camera.height, camera.width
+    category = np.where(seen, np.uint8(OBJECT), np.uint8(NO_DEPTH)).reshape(shape)
+    # nothing was measured, so that the depths are none, and all pixels take part
+    view = View(camera, np.ones(shape, dtype=np.float32), category, np.zeros((*shape, 3), dtype=np.float32))
+    found, _ = normal_equations(
+        replace(problem.observation, views=(view,)),
+        problem.surfaces,
+        np.concatenate([parts, np.repeat(parts[:, :1], len(free), axis=1)], axis=1),
+        np.concatenate([steps, np.tile(probes, (count, 1))], axis=1),
+        # no surface goes on beyond the outline where nothing but the object is drawn
+        replace(problem.score(problem.tolerance_end), continued_reward=1.0),
+        np.array([np.inf]),
+        PROBE / np.cos(GRAZING),
+        moves,
+    )
+    found = 2 * confidence(problem) * scan.share * found[:, 0]
+    own, shared, others = found[:, :size, :size], found[:, :size, size:], found[:, size:, size:]
+    others = others + np.diag(problem.nuisance_std[free] ** -2.0)
+    left: Array = own - shared @ np.linalg.solve(others, np.swapaxes(shared, 1, 2))
+    return left
+
+
+def blocking_points(problem: Problem, root: Array, joints: Array) -> Array:
+    """(B, 3) points in world that were measured, that no support plane holds and that the object at a configuration
+    (7,), (D,) does not explain."""
+    found = []
+    parts = problem.mrf.part_poses(root, joints)
+    for view, _, depth, _ in renders(problem.observation, problem.surfaces, parts, problem.nuisances):
+        near = (depth > 0) & (np.abs(view.depth - depth) < 2 * problem.tolerance_end)
+        chosen = (view.depth > 0) & (view.category != SUPPORT) & ~near
+        points = view.camera.back_project(view.depth)[chosen]
+        found.append(poses.transform_points(np.asarray(view.camera.pose_world_camera, dtype=np.float64), points))
+    return np.concatenate(found) if found else np.zeros((0, 3))
+
+
+def _blocked(camera: Camera, points: Array) -> NDArray[np.float32]:
+    """(h w,) metres from which on pixels are hidden by points (B, 3) in world; infinite where none is."""
+    nearest = np.full(camera.width * camera.height, np.inf, dtype=np.float32)
+    if len(points):
+        inside = poses.transform_points(poses.inverse(np.asarray(camera.pose_world_camera, dtype=np.float64)), points)
+        inside = inside[inside[:, 2] > 0.05]
+        pixel = np.rint(camera.project(inside)[:, :2]).astype(np.int64)
+        within = np.all((pixel >= 0) & (pixel < [camera.width, camera.height]), axis=1)
+        np.minimum.at(nearest, pixel[within, 1] * camera.width + pixel[within, 0], inside[within, 2].astype(np.float32))
+    size = 2 * BLOCKED + 1
+    spread = ndimage.minimum_filter(nearest.reshape(camera.height, camera.width), size=size, mode="nearest")
+    found: NDArray[np.float32] = spread.ravel()
+    return found

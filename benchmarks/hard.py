@@ -118,13 +118,9 @@ def study(
 def _polished_scores(case: Case, prior: UniformPrior, settings: Settings, trial: Trial) -> tuple[float, float]:
     """Of the estimate and of the truth."""
     problem = problems.build(case.model, case.observation, prior, settings, particles=16, seed=0)
-    true_joints = np.clip(0.0, case.model.lower, case.model.upper)
-    for joint in case.model.joints:
-        for coordinate in joint.coordinates:
-            true_joints[coordinate] = case.true_joints[joint.name]
     plan = problem.schedule(10_000)
     found = []
-    for root, joints in ((trial.part_poses[0], trial.joint_positions), (case.true_poses[0], true_joints)):
+    for root, joints in ((trial.part_poses[0], trial.joint_positions), (case.true_poses[0], case.joint_vector)):
         rng = np.random.default_rng(0)
         _, _, score = polish(rng, problem, root[None], joints[None], plan, plan.tolerance, POLISH_ROUNDS)
         found.append(float(score[0]))

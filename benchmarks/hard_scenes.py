@@ -104,6 +104,17 @@ def hard_scene(family: str, seed: int) -> HardScene:
     return FAMILIES[family](np.random.default_rng([20, list(FAMILIES).index(family), seed]))
 
 
+def hidden_drawer(number: int) -> HardScene:
+    """A chest seen from above, whose open top drawer hides the lower ones; of no family, for where to look next."""
+    rng = np.random.default_rng([41, number])
+    width, depth, height = rng.uniform([0.4, 0.35, 0.6], [0.55, 0.45, 0.85])
+    urdf = models.cabinet(width, depth, height, (1, 1.2, 1.4), 0.12)
+    joints = {"slide1": rng.uniform(0.2, 0.3), "slide2": rng.uniform(0, 0.15), "slide3": rng.uniform(0, 0.15)}
+    scene = _floor_scene(rng, urdf, joints, 1.2, 0.4 * height, things=1)
+    camera = camera_before(scene.pose_world_base, rng.uniform(-20, 20), 0.75, height + 1.3, 0.5 * height)
+    return HardScene(replace(scene, camera=camera), urdf)
+
+
 def _table_scene(rng: np.random.Generator, urdf: str, joints: dict[str, float], lift: float, near: float) -> Scene:
     """On a table with a few things, in front of a wall, from `near` metres or a bit more; `lift` metres: where the
     root link's origin is above the top."""

@@ -69,6 +69,15 @@ class Case:
         """(N,): of each part its first link, by its place in the model's order."""
         return [self.model.links.index(part.links[0]) for part in self.model.parts]
 
+    @property
+    def joint_vector(self) -> Array:
+        """(D,): the true joint positions in the model's order."""
+        found = np.clip(0.0, self.model.lower, self.model.upper)
+        for joint in self.model.joints:
+            for coordinate in joint.coordinates:
+                found[coordinate] = self.true_joints[joint.name]
+        return found
+
     def errors(self, part_poses: Array) -> Array:
         """ADD (N,), metres, of part poses (N, 7); ADD-S for symmetric parts."""
         return np.array(

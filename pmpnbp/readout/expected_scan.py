@@ -21,16 +21,18 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
-from pmpnbp.inference.registration import PROBE
 from pmpnbp.potentials import nuisances
-from pmpnbp.potentials.unary import normal_equations, render, renders
+from pmpnbp.potentials.unary import render, renders
 from pmpnbp.readout.object_posterior import GRAIN, confidence
-from pmpnbp.scene.observation import NO_DEPTH, OBJECT, SUPPORT, View
+from pmpnbp.scene.observation import SUPPORT
 
 # Metres behind the object at which everything else is taken to be.
 BEHIND = 1.0
 # Pixels about a blocking point that it hides.
 BLOCKED = 1
+# Metres that a surface is moved for a derivative: less than in registration, else what a turn adds at second order
+# would seem to tell a camera's place.
+PROBE = 1e-4
 # A surface slanted by more shows no depth to a camera: structured light loses it there (Nguyen et al. 2012). Its depth
 # changes so much with a small move that it would seem to tell most of all.
 GRAZING = np.deg2rad(80.0)
@@ -84,57 +86,59 @@ def expected_scan(problem: Problem, camera: Camera, target: Array, blocking: Arr
     )
 
 
-def told_apart(scan: ExpectedScan, parts: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """(K, K) nats by which the scan would tell draw j of part poses (K, N, 7) from draw i, were i the truth; and the
-    pixels (h w,) in which something of a draw is in sight."""
+def told_apart(scan: ExpectedScan, parts: Array) -> Array:
+    """(K, K) nats by which the scan would tell draw j of part poses (K, N, 7) from draw i, were i the truth."""
     depth = np.array([render(scan.camera, scan.problem.surfaces, draw)[0].ravel() for draw in parts])
+    # where something stands before all draws nothing is told
     seen = np.any((depth > 0) & (depth <= scan.hidden), axis=0)
     if not seen.any():
-        return np.zeros((len(parts), len(parts))), seen
+        return np.zeros((len(parts), len(parts)))
     depth = depth[:, seen].astype(np.float64)
     depth = np.where(depth > 0, depth, depth.max() + BEHIND)
     # a pixel weighs by the square of its distance, as in the score, and as many of the working images' as it holds
     area = (depth.min(axis=0) / scan.problem.unit_distance) ** 2 * scan.share
     told = np.array([np.minimum(((depth - one) / scan.problem.tolerance_end) ** 2, 1.0) @ area for one in depth])
-    return confidence(scan.problem) * told, seen
+    return confidence(scan.problem) * told
 
 
-def information(scan: ExpectedScan, seen: NDArray[np.bool_], steps: Array, parts: Array) -> Array:
+def information(scan: ExpectedScan, steps: Array, parts: Array) -> Array:
     """(T, P, P): were one of T configurations the truth, the inverse of the covariance with which the scan alone would
-    tell P coordinates from the pixels `seen` (h w,), whatever the nuisances are.
+    tell P coordinates, of which the first three are the translation of the whole, whatever the nuisances are.
 
     parts : (T, 1 + P, N, 7) part poses, as they are and with each coordinate moved by its step; steps : (T, P)
     """
-    problem, camera = scan.problem, scan.camera
-    count, size = steps.shape
-    if not seen.any():
+    problem, (count, size) = scan.problem, steps.shape
+    if not scan.hidden.any():
         return np.zeros((count, size, size))
     free = np.flatnonzero(problem.nuisance_std)
     probes = PROBE / problem.nuisance_levers[free]
-    moves = None
-    if len(free):
-        moves = np.zeros((1 + size + len(free), len(problem.nuisance_std)))
-        moves[1 + size :, free] = np.diag(probes)
-    shape = camera.height, camera.width
-    category = np.where(seen, np.uint8(OBJECT), np.uint8(NO_DEPTH)).reshape(shape)
-    # nothing was measured, so that the depths are none, and all pixels take part
-    view = View(camera, np.ones(shape, dtype=np.float32), category, np.zeros((*shape, 3), dtype=np.float32))
-    found, _ = normal_equations(
-        replace(problem.observation, views=(view,)),
-        problem.surfaces,
-        np.concatenate([parts, np.repeat(parts[:, :1], len(free), axis=1)], axis=1),
-        np.concatenate([steps, np.tile(probes, (count, 1))], axis=1),
-        # no surface goes on beyond the outline where nothing but the object is drawn
-        replace(problem.score(problem.tolerance_end), continued_reward=1.0),
-        np.array([np.inf]),
-        PROBE / np.cos(GRAZING),
-        moves,
-    )
-    found = 2 * confidence(problem) * scan.share * found[:, 0]
+    offsets = np.zeros((len(free), len(problem.nuisance_std)))
+    offsets[:, free] = np.diag(probes)
+    centres, pose = problem.surfaces.centres, np.asarray(scan.camera.pose_world_camera, dtype=np.float64)
+    given = np.repeat(parts[:, :1], len(free), axis=1)
+    seen = nuisances.apparent(offsets, 0, 1, pose, given, np.arange(len(centres)), centres)
+    found = np.array([_curvature(scan, each) for each in np.concatenate([parts, seen], axis=1)])
+    scale = 1 / np.concatenate([steps, np.tile(probes, (count, 1))], axis=1)
+    found *= 2 * confidence(problem) * scan.share * scale[:, :, None] * scale[:, None, :]
     own, shared, others = found[:, :size, :size], found[:, :size, size:], found[:, size:, size:]
     others = others + np.diag(problem.nuisance_std[free] ** -2.0)
     left: Array = own - shared @ np.linalg.solve(others, np.swapaxes(shared, 1, 2))
     return left
+
+
+def _curvature(scan: ExpectedScan, parts: Array) -> Array:
+    """(P, P): what the score of the scan of part poses (1 + P, N, 7), the first of them, loses with steps to the
+    others, in pixels: those which show the same surface all the time, and not aslant."""
+    images = [render(scan.camera, scan.problem.surfaces, each) for each in parts]
+    depth, which = (np.array([image[kind].ravel() for image in images]) for kind in (0, 1))
+    changes = (depth[1:] - depth[0]).astype(np.float64)
+    # of a unit's translation the depth changes by one over the cosine of the slant
+    steepest = np.maximum(np.linalg.norm(changes[:3], axis=0), np.abs(changes).max(axis=0))
+    used = (depth[0] > 0) & (depth[0] <= scan.hidden) & np.all(which == which[0], axis=0)
+    used &= steepest < PROBE / np.cos(GRAZING)
+    changes, nearness = changes[:, used], depth[0, used] / scan.problem.unit_distance
+    found: Array = (changes * nearness**2) @ changes.T / scan.problem.tolerance_end**2
+    return found
 
 
 def blocking_points(problem: Problem, root: Array, joints: Array) -> Array:

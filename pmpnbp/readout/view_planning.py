@@ -21,8 +21,8 @@ from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.log_weights import normalise
 from pmpnbp.inference.problem import Problem
-from pmpnbp.inference.registration import moved, probes
-from pmpnbp.readout.expected_scan import blocking_points, expected_scan, information, told_apart
+from pmpnbp.inference.registration import moved
+from pmpnbp.readout.expected_scan import PROBE, blocking_points, expected_scan, information, told_apart
 from pmpnbp.readout.particle_statistics import short_way_round
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.scene.articulated_object import parts_of_links
@@ -107,9 +107,8 @@ def ranked(
     found = []
     for view in views:
         scan = expected_scan(problem, _camera(view.pose), middle, blocking)
-        told, seen = told_apart(scan, parts)
-        sharper = np.linalg.inv(np.linalg.inv(around_some) + information(scan, seen, steps, probed))
-        after = left(told, sharper + np.diag((scan.grain / _levers(problem)) ** 2))
+        sharper = np.linalg.inv(np.linalg.inv(around_some) + information(scan, steps, probed))
+        after = left(told_apart(scan, parts), sharper + np.diag((scan.grain / _levers(problem)) ** 2))
         variances = np.minimum(_diagonal(after), _diagonal(before))[:, : len(links)]
         gain, beyond = (_fall(before, after, least) for least in (max_std, LEAST))
         found.append((RankedView(view, gain, np.sqrt(variances).mean(axis=0)), beyond))
@@ -213,7 +212,7 @@ def _probed(problem: Problem, roots: Array, joints: Array) -> tuple[Array, Array
     """What each coordinate of configurations (T, 7), (T, D) is moved by for a derivative, (T, 6 + D), a joint away from
     its upper limit; and the configurations (T, 1 + 6 + D, 7), (T, 1 + 6 + D, D), as they are and moved by each."""
     model = problem.mrf.model
-    steps = np.tile(probes(problem), (len(roots), 1))
+    steps = np.tile(PROBE / _levers(problem), (len(roots), 1))
     steps[:, 6:][~model.wraps & (joints + steps[:, 6:] > model.upper)] *= -1.0
     size = steps.shape[1]
     return steps, *moved(problem, roots, joints, steps[:, None] * np.concatenate([np.zeros((1, size)), np.eye(size)]))

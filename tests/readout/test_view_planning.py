@@ -12,17 +12,21 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run
 from pmpnbp.inference.problem import Problem
+from pmpnbp.readout.object_posterior import mode_draws
 from pmpnbp.readout.posterior import Posterior, of_estimate
 from pmpnbp.readout.view_planning import PlannedView, around, looking_at, ranked
+from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
 
 MODEL = worlds.cupboard()
 ROOT, JOINTS = worlds.cupboard_truth()
 MIDDLE = poses.transform_points(ROOT, np.array([0.0, 0.0, 0.2]))
-DRAWER = MODEL.links.index("link1")
+DRAWER, FLAP = MODEL.links.index("link1"), MODEL.links.index("link2")
 # its front, and the closed back behind which the drawer may be anywhere
 FRONT, BACK = (poses.rotate(ROOT[3:], np.array([side, 0.2, 0.3])) for side in (1.0, -1.0))
+# from where it hides itself
+ABOVE = np.array([0.0, 0.1, 1.0])
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +57,65 @@ def test_the_view_that_shows_the_hidden_drawer_comes_first(problem: Problem, pos
     hidden = posterior.drawn_joints[:, 0].std()
     assert hidden > 0.03
     assert best.std_xyz.max() < 0.02 < worst.std_xyz.max()
+
+
+@pytest.mark.parametrize("up", [0.3, 0.6])
+def test_the_deviation_that_is_expected_is_what_the_scan_then_gives(
+    problem: Problem, posterior: Posterior, up: float
+) -> None:
+    planned = view(FRONT + up * worlds.UP)
+    (one,) = ranked(problem, posterior, [DRAWER], [planned])
+    parts, first = MODEL.part_poses(ROOT, JOINTS), worlds.camera_at(MIDDLE + 1.3 * BACK, MIDDLE)
+    scans = [worlds.scan(MODEL, parts, camera) for camera in (first, replace(first, pose_world_camera=planned.pose))]
+    both = observe(scans, problem.observation.roi, up=worlds.UP)
+    after = problems.build(MODEL, both, UniformPrior("upright"), worlds.settings(), particles=20)
+    draws = mode_draws(np.random.default_rng(0), after, ROOT, JOINTS)
+    places = MODEL.link_poses(MODEL.part_poses(draws.roots, draws.joints), draws.joints)[:, DRAWER, :3]
+    weights = np.exp(draws.log_weights)
+    got = np.sqrt((weights @ (places - weights @ places) ** 2).max())
+    assert 1 / 1.6 < one.std_xyz.max() / got < 1.6
+
+
+def test_of_views_that_tell_which_draw_it_is_the_sharper_one_comes_first(
+    problem: Problem, posterior: Posterior
+) -> None:
+    """From above the drawer is told by the edge of its front alone, from before it by all of it."""
+    found = ranked(problem, posterior, [DRAWER], [view(ABOVE / np.linalg.norm(ABOVE)), view(FRONT)])
+    np.testing.assert_array_equal(found[0].view.pose, view(FRONT).pose)
+    assert found[0].std_xyz.max() < 0.7 * found[1].std_xyz.max()
+
+
+def test_a_flap_whose_origin_is_on_its_hinge_is_told_by_where_its_middle_is(
+    problem: Problem, posterior: Posterior
+) -> None:
+    flap = posterior.link_poses(MODEL)[:, FLAP]
+    assert flap[:, :3].std(axis=0).max() < 0.002 and posterior.drawn_joints[:, 1].std() > 0.05
+    best, worst = ranked(problem, posterior, [FLAP], [view(BACK), view(FRONT)])
+    np.testing.assert_array_equal(best.view.pose, view(FRONT).pose)
+    assert best.gain > 1.0 > 0.5 > worst.gain
+
+
+def test_what_is_known_well_enough_needs_not_be_told(problem: Problem, posterior: Posterior) -> None:
+    (strict,), (lenient,) = (ranked(problem, posterior, [DRAWER], [view(FRONT)], max_std) for max_std in (1e-3, 0.02))
+    (idle,) = ranked(problem, posterior, [DRAWER], [view(FRONT)], 1.0)
+    assert strict.gain > lenient.gain + 1.0 > 1.0 and idle.gain == 0.0
+    np.testing.assert_array_equal(strict.std_xyz, idle.std_xyz)
+
+
+def test_of_equal_views_the_cheaper_one_comes_first_then_the_one_that_turns_less(
+    problem: Problem, posterior: Posterior
+) -> None:
+    """All of them behind a wall, with which the camera sees nothing at all."""
+    wall = np.array([[*BACK, -float(BACK @ (MIDDLE - 0.5 * BACK))]])
+    walled = replace(problem, observation=replace(problem.observation, planes=wall))
+    aslant = (FRONT + 0.4 * worlds.UP) / np.linalg.norm(FRONT + 0.4 * worlds.UP)
+    turned = [poses.rotation_angle(view(each).pose[3:], view(BACK).pose[3:]) for each in (FRONT, aslant)]
+    nearer, farther = (FRONT, aslant) if turned[0] < turned[1] else (aslant, FRONT)
+    views = [view(farther), view(nearer), view(farther, cost=0.5)]
+    for given in (views, views[::-1]):
+        found = ranked(walled, posterior, [DRAWER], given)
+        assert [one.view for one in found] == [views[2], views[1], views[0]]
+        assert all(one.gain == 0.0 for one in found)
 
 
 def test_a_view_is_worth_less_the_more_it_costs(problem: Problem, posterior: Posterior) -> None:

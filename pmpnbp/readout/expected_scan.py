@@ -3,7 +3,7 @@
 It would tell two things. Which of the draws it is: `told_apart` counts what their images differ by, which is as much as
 there is to know of a drawer that may be anywhere, and no more than the draws are dense. And how sharply that is then
 seen: the curvature of the score, which is Fisher's information of the pixels, as the view's distance, its slant and its
-share of every part make it. Outlines are told apart, and have no curvature.
+share of every part make it; what outlines tell, which have no curvature, is added.
 
 Surfaces that were seen and that the object does not explain block the sight, and so do the support planes, floor, wall
 or table top, for a camera on their other side.
@@ -55,6 +55,21 @@ class ExpectedScan:
     grain: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class Probed:
+    """T configurations, moved in each of P coordinates, of which the first three are the translation of the whole.
+
+    parts : (T, 1 + P, N, 7) part poses, as they are and with each coordinate moved by its step; steps : (T, P), of
+    PROBE at the surface
+    strided : (T, P, N, 7) moved by strides (T, P), as far as the score tells a surface; 0 of what needs no such
+    """
+
+    parts: Array
+    steps: Array
+    strided: Array
+    strides: Array
+
+
 def expected_scan(problem: Problem, camera: Camera, target: Array, blocking: Array) -> ExpectedScan:
     """The scan that `camera` would make of an object at `target` (3,), behind `blocking_points`, all in world: by the
     sensor of the first view, whose noise grows with the distance squared, and as large in the working image."""
@@ -101,13 +116,10 @@ def told_apart(scan: ExpectedScan, parts: Array) -> Array:
     return confidence(scan.problem) * told
 
 
-def information(scan: ExpectedScan, steps: Array, parts: Array) -> Array:
+def information(scan: ExpectedScan, probed: Probed) -> Array:
     """(T, P, P): were one of T configurations the truth, the inverse of the covariance with which the scan alone would
-    tell P coordinates, of which the first three are the translation of the whole, whatever the nuisances are.
-
-    parts : (T, 1 + P, N, 7) part poses, as they are and with each coordinate moved by its step; steps : (T, P)
-    """
-    problem, (count, size) = scan.problem, steps.shape
+    tell P coordinates, whatever the nuisances are."""
+    problem, (count, size) = scan.problem, probed.steps.shape
     if not scan.hidden.any():
         return np.zeros((count, size, size))
     free = np.flatnonzero(problem.nuisance_std)
@@ -115,15 +127,29 @@ def information(scan: ExpectedScan, steps: Array, parts: Array) -> Array:
     offsets = np.zeros((len(free), len(problem.nuisance_std)))
     offsets[:, free] = np.diag(probes)
     centres, pose = problem.surfaces.centres, np.asarray(scan.camera.pose_world_camera, dtype=np.float64)
-    given = np.repeat(parts[:, :1], len(free), axis=1)
+    given = np.repeat(probed.parts[:, :1], len(free), axis=1)
     seen = nuisances.apparent(offsets, 0, 1, pose, given, np.arange(len(centres)), centres)
-    found = np.array([_curvature(scan, each) for each in np.concatenate([parts, seen], axis=1)])
-    scale = 1 / np.concatenate([steps, np.tile(probes, (count, 1))], axis=1)
+    found = np.array([_curvature(scan, each) for each in np.concatenate([probed.parts, seen], axis=1)])
+    scale = 1 / np.concatenate([probed.steps, np.tile(probes, (count, 1))], axis=1)
     found *= 2 * confidence(problem) * scan.share * scale[:, :, None] * scale[:, None, :]
+    found[:, range(size), range(size)] += _of_outlines(scan, probed, found[:, range(size), range(size)])
     own, shared, others = found[:, :size, :size], found[:, :size, size:], found[:, size:, size:]
     others = others + np.diag(problem.nuisance_std[free] ** -2.0)
     left: Array = own - shared @ np.linalg.solve(others, np.swapaxes(shared, 1, 2))
     return left
+
+
+def _of_outlines(scan: ExpectedScan, probed: Probed, curved: Array) -> Array:
+    """(T, P): what outlines tell of the coordinates that are strided, beside what is `curved` (T, P). They lose in
+    proportion to a stride; the variance of a density that falls so, Laplace's, is twice the square of the length on
+    which it falls by a nat."""
+    found = np.zeros_like(curved)
+    for row, strides in enumerate(probed.strides):
+        moved = np.flatnonzero(strides)
+        told = told_apart(scan, np.concatenate([probed.parts[row, :1], probed.strided[row, moved]]))[0, 1:]
+        beyond = np.maximum(told - 0.5 * curved[row, moved] * strides[moved] ** 2, 0.0)
+        found[row, moved] = 0.5 * (beyond / strides[moved]) ** 2
+    return found
 
 
 def _curvature(scan: ExpectedScan, parts: Array) -> Array:

@@ -22,14 +22,14 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.log_weights import normalise
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import moved
-from pmpnbp.readout.expected_scan import PROBE, blocking_points, expected_scan, information, told_apart
+from pmpnbp.readout.expected_scan import PROBE, Probed, blocking_points, expected_scan, information, told_apart
 from pmpnbp.readout.particle_statistics import short_way_round
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.scene.articulated_object import parts_of_links
 from pmpnbp.settings import SessionOptions
 
 # Draws that are told apart, and every how manyth of them the curvature is taken at.
-DRAWS, EVERY = 40, 4
+DRAWS, EVERY = 40, 5
 # Pixels across and down of the images they are told apart in, and their field of view.
 WIDTH, HEIGHT, FIELD = 64, 48, np.deg2rad(60.0)
 # Candidates around the object: turns, and heights over its middle in shares of the distance; from no higher than this.
@@ -93,9 +93,7 @@ def ranked(
     parts, places = model.part_poses(roots, joints), _places(problem, roots, joints, links)
     some = chosen[EVERY // 2 :: EVERY]
     around_some = near[posterior.mode[some]]
-    steps, probed_roots, probed_joints = _probed(problem, posterior.drawn_roots[some], posterior.drawn_joints[some])
-    probed = problem.mrf.part_poses(probed_roots, probed_joints)
-    slopes = _slopes(problem, steps, probed_roots, probed_joints, links)
+    probed, slopes = _probed(problem, posterior, some, is_open, links)
     middle, blocking = _middle(problem, posterior), blocking_points(problem, posterior.root, posterior.joints)
 
     def left(told: Array, neighbourhoods: NDArray[np.floating]) -> Array:
@@ -107,7 +105,7 @@ def ranked(
     found = []
     for view in views:
         scan = expected_scan(problem, _camera(view.pose), middle, blocking)
-        sharper = np.linalg.inv(np.linalg.inv(around_some) + information(scan, steps, probed))
+        sharper = np.linalg.inv(np.linalg.inv(around_some) + information(scan, probed))
         after = left(told_apart(scan, parts), sharper + np.diag((scan.grain / _levers(problem)) ** 2))
         variances = np.minimum(_diagonal(after), _diagonal(before))[:, : len(links)]
         gain, beyond = (_fall(before, after, least) for least in (max_std, LEAST))
@@ -208,23 +206,33 @@ def _what_is_open(posterior: Posterior, chosen: NDArray[np.int64], is_open: NDAr
     )
 
 
-def _probed(problem: Problem, roots: Array, joints: Array) -> tuple[Array, Array, Array]:
-    """What each coordinate of configurations (T, 7), (T, D) is moved by for a derivative, (T, 6 + D), a joint away from
-    its upper limit; and the configurations (T, 1 + 6 + D, 7), (T, 1 + 6 + D, D), as they are and moved by each."""
+def _probed(
+    problem: Problem, posterior: Posterior, some: NDArray[np.int64], is_open: NDArray[np.bool_], links: Sequence[int]
+) -> tuple[Probed, Array]:
+    """Draws `some` (T,), moved in each coordinate, and far in those that are open (M, 6 + D); and how far `_places` of
+    the links move for one unit of each, (T, 6 + D, 2 A, 3)."""
+    roots, joints = posterior.drawn_roots[some], posterior.drawn_joints[some]
+    steps, near_roots, near_joints = _moved(problem, roots, joints, PROBE)
+    strides, far_roots, far_joints = _moved(problem, roots, joints, problem.tolerance_end)
+    probed = Probed(
+        parts=problem.mrf.part_poses(near_roots, near_joints),
+        steps=steps,
+        strided=problem.mrf.part_poses(far_roots, far_joints)[:, 1:],
+        strides=np.where(is_open[posterior.mode[some]], strides, 0.0),
+    )
+    found = _places(problem, near_roots.reshape(-1, 7), near_joints.reshape(-1, joints.shape[1]), links)
+    found = found.reshape(len(some), -1, *found.shape[1:])
+    return probed, (found[:, 1:] - found[:, :1]) / steps[:, :, None, None]
+
+
+def _moved(problem: Problem, roots: Array, joints: Array, reach: float) -> tuple[Array, Array, Array]:
+    """Steps (T, 6 + D) that move the surface of configurations (T, 7), (T, D) by `reach` metres, a joint away from its
+    upper limit; and root poses (T, 1 + 6 + D, 7) and joints (T, 1 + 6 + D, D), as they are and moved by each."""
     model = problem.mrf.model
-    steps = np.tile(PROBE / _levers(problem), (len(roots), 1))
+    steps = np.tile(reach / _levers(problem), (len(roots), 1))
     steps[:, 6:][~model.wraps & (joints + steps[:, 6:] > model.upper)] *= -1.0
     size = steps.shape[1]
     return steps, *moved(problem, roots, joints, steps[:, None] * np.concatenate([np.zeros((1, size)), np.eye(size)]))
-
-
-def _slopes(problem: Problem, steps: Array, roots: Array, joints: Array, links: Sequence[int]) -> Array:
-    """(T, 6 + D, 2 A, 3): how far `_places` move for one unit of each coordinate, from what was probed."""
-    count, size = steps.shape
-    found = _places(problem, roots.reshape(-1, 7), joints.reshape(len(steps) * (1 + size), -1), links)
-    found = found.reshape(count, 1 + size, -1, 3)
-    slopes: Array = (found[:, 1:] - found[:, :1]) / steps[:, :, None, None]
-    return slopes
 
 
 def looking_at(eye: Array, target: Array, up: Array) -> Array:

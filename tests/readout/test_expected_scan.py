@@ -14,7 +14,7 @@ from pmpnbp.inference import problem as problems
 from pmpnbp.inference import registration
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature, moved
-from pmpnbp.readout.expected_scan import GRAZING, PROBE, expected_scan, information, told_apart
+from pmpnbp.readout.expected_scan import GRAZING, PROBE, Probed, expected_scan, information, told_apart
 from pmpnbp.readout.object_posterior import confidence, log_posterior
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
@@ -46,7 +46,8 @@ def told(problem: Problem, by: Camera, planes: Array | None = None) -> Array:
         problem, ROOT[None], JOINTS[None], np.concatenate([np.zeros((1, 8)), np.diag(steps[0])])[None]
     )
     parts = problem.mrf.part_poses(roots, joints)
-    return information(scan, steps, parts)[0]
+    probed = Probed(parts=parts, steps=steps, strided=parts[:, 1:], strides=np.zeros((1, 8)))
+    return information(scan, probed)[0]
 
 
 @pytest.mark.parametrize("width", [64, 160])

@@ -25,7 +25,7 @@ MIDDLE = poses.transform_points(ROOT, np.array([0.0, 0.0, 0.2]))
 DRAWER, FLAP = MODEL.links.index("link1"), MODEL.links.index("link2")
 # its front, and the closed back behind which the drawer may be anywhere
 FRONT, BACK = (poses.rotate(ROOT[3:], np.array([side, 0.2, 0.3])) for side in (1.0, -1.0))
-# from where it hides itself
+# from where its front is an edge
 ABOVE = np.array([0.0, 0.1, 1.0])
 
 
@@ -59,11 +59,12 @@ def test_the_view_that_shows_the_hidden_drawer_comes_first(problem: Problem, pos
     assert best.std_xyz.max() < 0.02 < worst.std_xyz.max()
 
 
-@pytest.mark.parametrize("up", [0.3, 0.6])
+@pytest.mark.parametrize("direction", [FRONT + 0.3 * worlds.UP, FRONT + 0.6 * worlds.UP, ABOVE])
 def test_the_deviation_that_is_expected_is_what_the_scan_then_gives(
-    problem: Problem, posterior: Posterior, up: float
+    problem: Problem, posterior: Posterior, direction: Array
 ) -> None:
-    planned = view(FRONT + up * worlds.UP)
+    """Also from above, where only outlines tell how far the drawer is open."""
+    planned = view(direction)
     (one,) = ranked(problem, posterior, [DRAWER], [planned])
     parts, first = MODEL.part_poses(ROOT, JOINTS), worlds.camera_at(MIDDLE + 1.3 * BACK, MIDDLE)
     scans = [worlds.scan(MODEL, parts, camera) for camera in (first, replace(first, pose_world_camera=planned.pose))]
@@ -73,16 +74,17 @@ def test_the_deviation_that_is_expected_is_what_the_scan_then_gives(
     places = MODEL.link_poses(MODEL.part_poses(draws.roots, draws.joints), draws.joints)[:, DRAWER, :3]
     weights = np.exp(draws.log_weights)
     got = np.sqrt((weights @ (places - weights @ places) ** 2).max())
-    assert 1 / 1.6 < one.std_xyz.max() / got < 1.6
+    assert 0.5 < one.std_xyz.max() / got < 2.0
 
 
-def test_of_views_that_tell_which_draw_it_is_the_sharper_one_comes_first(
+def test_of_views_that_tell_as_much_as_is_asked_the_sharper_one_comes_first(
     problem: Problem, posterior: Posterior
 ) -> None:
-    """From above the drawer is told by the edge of its front alone, from before it by all of it."""
-    found = ranked(problem, posterior, [DRAWER], [view(ABOVE / np.linalg.norm(ABOVE)), view(FRONT)])
+    noisy = replace(problem, noise=np.array([0.01]))
+    found = ranked(noisy, posterior, [DRAWER], [view(FRONT, 2.6), view(FRONT)], 0.01)
+    assert found[0].gain == pytest.approx(found[1].gain, rel=0.01)
     np.testing.assert_array_equal(found[0].view.pose, view(FRONT).pose)
-    assert found[0].std_xyz.max() < 0.7 * found[1].std_xyz.max()
+    assert found[0].std_xyz.max() < 0.75 * found[1].std_xyz.max()
 
 
 def test_a_flap_whose_origin_is_on_its_hinge_is_told_by_where_its_middle_is(

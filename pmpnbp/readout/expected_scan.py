@@ -44,7 +44,7 @@ class ExpectedScan:
 
     problem : its noise and nuisances are those of the scan alone
     camera : that it is rendered with; share : of the working images' pixels one of the camera's is so many
-    hidden : (h w,) metres from which on nothing is seen
+    hidden : (h w,) metres from which on nothing is seen: 0 everywhere for a camera behind a support plane
     grain : metres at the object that the grain of the working images hides, see `object_posterior.GRAIN`
     """
 
@@ -103,6 +103,8 @@ def expected_scan(problem: Problem, camera: Camera, target: Array, blocking: Arr
 
 def told_apart(scan: ExpectedScan, parts: Array) -> Array:
     """(K, K) nats by which the scan would tell draw j of part poses (K, N, 7) from draw i, were i the truth."""
+    if not scan.hidden.any():
+        return np.zeros((len(parts), len(parts)))
     depth = np.array([render(scan.camera, scan.problem.surfaces, draw)[0].ravel() for draw in parts])
     # where something stands before all draws nothing is told
     seen = np.any((depth > 0) & (depth <= scan.hidden), axis=0)

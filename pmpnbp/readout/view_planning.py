@@ -1,11 +1,11 @@
 """From where to look next? Views ranked by how much a scan from there is expected to tell of some links.
 
 Draws of the posterior are rendered from each view (`expected_scan`). Were one of them the truth, a scan would tell the
-others from it by as much as their images differ, and its own place as sharply as the score is curved there. A draw
+others from it by as much as their images differ, and its own place as sharply as the score falls beside it. A draw
 stands for its neighbourhood, all that lies nearer to it than to the next, so that two things together are left after
-the scan: the draws that it does not tell from the true one, and what the curvature leaves of the neighbourhood.
-Averaged over which draw is the truth they give the standard deviations that are expected, and the fall of the entropy
-of the links' positions, which is the gain.
+the scan: the draws that it does not tell from the true one, and what is left of the neighbourhood. Averaged over which
+draw is the truth they give the standard deviations that are expected, and the fall of the entropy of the links'
+positions, which is the gain: down to the deviation that is asked for, as no more is needed.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from pmpnbp.readout.posterior import Posterior
 from pmpnbp.scene.articulated_object import parts_of_links
 from pmpnbp.settings import SessionOptions
 
-# Draws that are told apart, and every how manyth of them the curvature is taken at.
-DRAWS, EVERY = 40, 5
+# Draws that are told apart, and every how manyth of them is looked at more sharply.
+DRAWS, EVERY = 40, 8
 # Pixels across and down of the images they are told apart in, and their field of view.
 WIDTH, HEIGHT, FIELD = 64, 48, np.deg2rad(60.0)
 # Candidates around the object: turns, and heights over its middle in shares of the distance; from no higher than this.
@@ -98,7 +98,7 @@ def ranked(
 
     def left(told: Array, neighbourhoods: NDArray[np.floating]) -> Array:
         """(K, 2 A, 3, 3) covariances of places, were each draw the truth."""
-        linear = np.einsum("tpac,tpq,tqad->tacd", slopes, neighbourhoods, slopes)
+        linear = np.einsum("tpac,tpq,tqad->tacd", slopes, neighbourhoods, slopes, optimize=True)
         return _mixed(np.exp(normalise(-told)), places) + np.repeat(linear, EVERY, axis=0)
 
     before = left(np.zeros((DRAWS, DRAWS)), around_some)
@@ -138,9 +138,10 @@ def _places(problem: Problem, roots: Array, joints: Array, links: Sequence[int])
 
 def _mixed(weights: Array, places: Array) -> Array:
     """(I, A, 3, 3) covariances of positions (J, A, 3), by weights (I, J) that sum to 1."""
-    means = np.einsum("ij,jac->iac", weights, places)
-    gaps = places - means[:, None]
-    return np.einsum("ij,ijac,ijad->iacd", weights, gaps, gaps)
+    gaps = places - places.mean(axis=0)
+    means, products = np.tensordot(weights, gaps, 1), np.einsum("jac,jad->jacd", gaps, gaps)
+    found: Array = np.tensordot(weights, products, 1) - np.einsum("iac,iad->iacd", means, means)
+    return found
 
 
 def _diagonal(covariances: Array) -> Array:
@@ -209,8 +210,8 @@ def _what_is_open(posterior: Posterior, chosen: NDArray[np.int64], is_open: NDAr
 def _probed(
     problem: Problem, posterior: Posterior, some: NDArray[np.int64], is_open: NDArray[np.bool_], links: Sequence[int]
 ) -> tuple[Probed, Array]:
-    """Draws `some` (T,), moved in each coordinate, and far in those that are open (M, 6 + D); and how far `_places` of
-    the links move for one unit of each, (T, 6 + D, 2 A, 3)."""
+    """The draws `some` (T,), moved in each coordinate, and strided in those that are open (M, 6 + D); and how far
+    `_places` of the links move for one unit of each, (T, 6 + D, 2 A, 3)."""
     roots, joints = posterior.drawn_roots[some], posterior.drawn_joints[some]
     steps, near_roots, near_joints = _moved(problem, roots, joints, PROBE)
     strides, far_roots, far_joints = _moved(problem, roots, joints, problem.tolerance_end)

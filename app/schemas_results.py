@@ -280,7 +280,9 @@ class View(BaseModel):
 
     pose: Pose = Field(description="pose_world_camera, optical: x right, y down, z forward")
     cost: float = Field(description="what it takes to get there, as the planner gave it, or 1")
-    expected_gain_nats: float = Field(description="how much less there is to know of the links after a scan from there")
+    expected_gain_nats: float = Field(
+        description="how much less there is to know of the links, down to max_std, after a scan from there"
+    )
     worthwhile: bool = Field(description="whether that is worth a scan: 0.1 nats and more")
     expected_std_xyz: dict[str, list[float]] = Field(description="by link, metres, after such a scan")
 

@@ -221,7 +221,8 @@ def _probed(
         strided=problem.mrf.part_poses(far_roots, far_joints)[:, 1:],
         strides=np.where(is_open[posterior.mode[some]], strides, 0.0),
     )
-    found = _places(problem, near_roots.reshape(-1, 7), near_joints.reshape(-1, joints.shape[1]), links)
+    count = len(some) * (1 + steps.shape[1])
+    found = _places(problem, near_roots.reshape(count, 7), near_joints.reshape(count, joints.shape[1]), links)
     found = found.reshape(len(some), -1, *found.shape[1:])
     return probed, (found[:, 1:] - found[:, :1]) / steps[:, :, None, None]
 

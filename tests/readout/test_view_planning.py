@@ -12,8 +12,9 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run
 from pmpnbp.inference.problem import Problem
+from pmpnbp.readout.fit import Fit
 from pmpnbp.readout.object_posterior import mode_draws
-from pmpnbp.readout.posterior import Posterior, of_estimate
+from pmpnbp.readout.posterior import ObjectMode, Posterior, of_estimate
 from pmpnbp.readout.view_planning import PlannedView, around, looking_at, ranked
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
@@ -154,6 +155,37 @@ def test_views_around_look_at_the_object_from_the_camera_s_distance(problem: Pro
         assert np.linalg.norm(aside) < 0.25
         right = poses.rotate(one.pose[3:], np.array([1.0, 0.0, 0.0]))
         assert abs(right @ worlds.UP) < 1e-9  # level
+
+
+def test_a_thing_without_joints_that_may_be_turned_either_way_is_told_by_its_side() -> None:
+    """A block whose middle is beside its origin."""
+    model = worlds.articulated([], {"link0": worlds.block([0.3, 0.2, 0.2], worlds.at(0.05))})
+    middle = np.array([1.4, 0.0, 0.3])
+    root, turned = worlds.at(*middle), worlds.at(*middle, yaw=np.pi)
+    camera = worlds.camera_at((0.0, 0.0, 0.3), middle)
+    problem = problems.build(
+        model, worlds.seen(model, root, np.zeros(0), camera), UniformPrior("upright"), worlds.settings(), particles=20
+    )
+    rng = np.random.default_rng(0)
+    roots = np.concatenate(
+        [poses.perturb(each, 0.001 * rng.standard_normal((30, 3)), np.zeros((30, 3))) for each in (root, turned)]
+    )
+    modes = tuple(ObjectMode(weight=0.5, root=each, joints=np.zeros(0)) for each in (root, turned))
+    either = Posterior(
+        iteration=9,
+        root=root,
+        joints=np.zeros(0),
+        drawn_roots=roots,
+        drawn_joints=np.zeros((60, 0)),
+        log_weights=np.full(60, -np.log(60)),
+        mode=np.repeat([0, 1], 30),
+        modes=modes,
+        effective_sample_size=60.0,
+        fit=Fit(verdict="good", reason="", explained=1.0, missed=(), denied=()),
+    )
+    side = PlannedView(looking_at(middle + np.array([0.0, 1.3, 0.3]), middle, worlds.UP))
+    (told,) = ranked(problem, either, [0], [side])
+    assert told.gain > 2.0 and told.std_xyz.max() < 0.002
 
 
 def test_the_same_posterior_gives_the_same_ranking(problem: Problem, posterior: Posterior) -> None:

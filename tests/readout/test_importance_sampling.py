@@ -8,6 +8,7 @@ degrees of freedom, less than two in a hundred thousand a comparison.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 
 import numpy as np
 import pytest
@@ -106,6 +107,29 @@ def test_a_proposal_s_density_is_that_of_its_draws(limits: tuple[float, float]) 
     assert below[-1] == pytest.approx(1.0, abs=2e-3)
     drawn = proposal.draw(np.random.default_rng(4), 4000)[:, 0]
     assert stats.kstest(drawn, lambda x: np.interp(x, at, below / below[-1])).pvalue > 1e-4
+
+
+def test_a_density_folded_at_several_limits_is_the_sum_over_all_mirror_images(rng: np.random.Generator) -> None:
+    """Its slow twin: every image is weighed by scipy's Student's t."""
+    slant = rng.standard_normal((5, 5))
+    mean, covariance = rng.standard_normal(5), slant @ slant.T
+    lower, upper = np.full(5, -np.inf), np.full(5, np.inf)
+    lower[0], upper[2], upper[4] = mean[0] - 0.3, mean[2] + 0.1, mean[4] + 0.5
+    grid = Grid(1, -1.0, 1.0, np.array([0.25, 0.75]))
+    rows = mean + 2 * rng.standard_normal((50, 5))
+    rows[:, 1] = rng.uniform(-1, 1, 50)
+    rows = np.where(rows < lower, 2 * lower - rows, np.where(rows > upper, 2 * upper - rows, rows))
+
+    own = [0, 2, 3, 4]
+    student = stats.multivariate_t(mean[own], covariance[np.ix_(own, own)], df=5)
+    expected = np.zeros(len(rows))
+    for folded in product((False, True), repeat=3):
+        image = rows.copy()
+        for (coordinate, limit), mirrored in zip(((0, lower[0]), (2, upper[2]), (4, upper[4])), folded, strict=True):
+            image[:, coordinate] = 2 * limit - image[:, coordinate] if mirrored else image[:, coordinate]
+        expected += student.pdf(image[:, own])
+    found = Proposal(mean, covariance, lower, upper, (grid,)).log_density(rows)
+    np.testing.assert_allclose(found, np.log(expected) + grid.log_density(rows[:, 1]), rtol=1e-9)
 
 
 def test_a_density_that_is_nowhere_leaves_even_weights_and_no_integral() -> None:

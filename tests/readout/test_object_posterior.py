@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores
-from pmpnbp.readout.object_posterior import GRAIN, ModeDraws, confidence, mode_draws
+from pmpnbp.readout import object_posterior
+from pmpnbp.readout.object_posterior import CELLS, GRAIN, STRIDE, ModeDraws, confidence, mode_draws
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from tests.inference import small_worlds as worlds
@@ -73,6 +75,29 @@ def frozen(model: ArticulatedObject, joints: Array) -> ArticulatedObject:
     lower, upper = model.lower.copy(), model.upper.copy()
     lower[1], upper[1] = joints[1] - 1e-4, joints[1] + 1e-4
     return replace(model, lower=lower, upper=upper)
+
+
+@pytest.mark.parametrize("name", ["seen", "hidden"])
+def test_cells_that_are_not_looked_at_would_change_nothing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    eye = (0.0, 0.0, 0.7) if name == "seen" else (2.9, -0.4, 0.3)
+    made = looked_at(pinned(), worlds.camera_at(eye, ROOT[:3] + [0, 0, 0.2], width=64, height=48))
+    rendered: list[int] = []
+    real = object_posterior.object_scores
+
+    def counted(*arguments: Any) -> Array:
+        rendered[-1] += len(arguments[2])
+        return real(*arguments)
+
+    monkeypatch.setattr(object_posterior, "object_scores", counted)
+    draws = []
+    for hopeless in (object_posterior.HOPELESS, np.inf):
+        monkeypatch.setattr(object_posterior, "HOPELESS", hopeless)
+        rendered.append(0)
+        draws.append(mode_draws(np.random.default_rng(2), made, ROOT, JOINTS))
+    for one, other in zip(vars(draws[0]).values(), vars(draws[1]).values(), strict=True):
+        np.testing.assert_array_equal(one, other)
+    # of both joints, where they are in sight
+    assert rendered[1] - rendered[0] == (2 * (CELLS - CELLS // STRIDE) if name == "seen" else 0)
 
 
 def test_draws_keep_to_the_limits_and_gather_where_the_truth_is() -> None:

@@ -25,6 +25,7 @@ from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import render, renders
 from pmpnbp.readout.object_posterior import GRAIN, confidence
 from pmpnbp.scene.observation import SUPPORT
+from pmpnbp.scene.sizes import resized
 
 # Metres behind the object at which everything else is taken to be.
 BEHIND = 1.0
@@ -42,7 +43,7 @@ GRAZING = np.deg2rad(80.0)
 class ExpectedScan:
     """A scan that is not made yet.
 
-    problem : its noise and nuisances are those of the scan alone
+    problem : its noise and nuisances are those of the scan alone, whose one view they are of
     camera : that it is rendered with; share : of the working images' pixels one of the camera's is so many
     hidden : (h w,) metres from which on nothing is seen: 0 everywhere for a camera behind a support plane
     grain : metres at the object that the grain of the working images hides, see `object_posterior.GRAIN`
@@ -59,11 +60,14 @@ class ExpectedScan:
 class Probed:
     """T configurations, moved in each of P coordinates, of which the first three are the translation of the whole.
 
+    roots : (T, 7) and joints : (T, D), as they are
     parts : (T, 1 + P, N, 7) part poses, as they are and with each coordinate moved by its step; steps : (T, P), of
     PROBE at the surface
     strided : (T, P, N, 7) moved by strides (T, P), as far as the score tells a surface; 0 of what needs no such
     """
 
+    roots: Array
+    joints: Array
     parts: Array
     steps: Array
     strided: Array
@@ -87,7 +91,7 @@ def expected_scan(problem: Problem, camera: Camera, target: Array, blocking: Arr
         noise=problem.noise[:1] * (distance / before) ** 2,
         nuisance_std=stds,
         nuisance_levers=levers,
-        nuisances=np.zeros(len(stds)) if stds.any() else None,
+        nuisances=np.concatenate([np.zeros(len(stds) - 3), problem.mrf.model.sizes]),
     )
     planes = problem.observation.planes
     beyond = np.any(planes[:, :3] @ np.asarray(camera.pose_world_camera)[:3] + planes[:, 3] < 0)
@@ -105,12 +109,13 @@ def told_apart(scan: ExpectedScan, parts: Array) -> Array:
     """(K, K) nats by which the scan would tell draw j of part poses (K, N, 7) from draw i, were i the truth."""
     if not scan.hidden.any():
         return np.zeros((len(parts), len(parts)))
-    depth = np.array([render(scan.camera, scan.problem.surfaces, draw)[0].ravel() for draw in parts])
+    seen = _seen(scan, parts, np.zeros(len(scan.problem.nuisance_std)))
+    depth = np.array([render(scan.camera, scan.problem.surfaces, draw)[0].ravel() for draw in seen])
     # where something stands before all draws nothing is told
-    seen = np.any((depth > 0) & (depth <= scan.hidden), axis=0)
-    if not seen.any():
+    shown = np.any((depth > 0) & (depth <= scan.hidden), axis=0)
+    if not shown.any():
         return np.zeros((len(parts), len(parts)))
-    depth = depth[:, seen].astype(np.float64)
+    depth = depth[:, shown].astype(np.float64)
     depth = np.where(depth > 0, depth, depth.max() + BEHIND)
     # a pixel weighs by the square of its distance, as in the score, and as many of the working images' as it holds
     area = (depth.min(axis=0) / scan.problem.unit_distance) ** 2 * scan.share
@@ -128,10 +133,10 @@ def information(scan: ExpectedScan, probed: Probed) -> Array:
     probes = PROBE / problem.nuisance_levers[free]
     offsets = np.zeros((len(free), len(problem.nuisance_std)))
     offsets[:, free] = np.diag(probes)
-    centres, pose = problem.surfaces.centres, np.asarray(scan.camera.pose_world_camera, dtype=np.float64)
-    given = np.repeat(probed.parts[:, :1], len(free), axis=1)
-    seen = nuisances.apparent(offsets, 0, 1, pose, given, np.arange(len(centres)), centres)
-    found = np.array([_curvature(scan, each) for each in np.concatenate([probed.parts, seen], axis=1)])
+    seen = np.concatenate(
+        [_seen(scan, probed.parts, np.zeros(len(problem.nuisance_std))), _sized(scan, probed, offsets)], axis=1
+    )
+    found = np.array([_curvature(scan, each) for each in seen])
     scale = 1 / np.concatenate([probed.steps, np.tile(probes, (count, 1))], axis=1)
     found *= 2 * confidence(problem) * scan.share * scale[:, :, None] * scale[:, None, :]
     found[:, range(size), range(size)] += _of_outlines(scan, probed, found[:, range(size), range(size)])
@@ -139,6 +144,22 @@ def information(scan: ExpectedScan, probed: Probed) -> Array:
     others = others + np.diag(problem.nuisance_std[free] ** -2.0)
     left: Array = own - shared @ np.linalg.solve(others, np.swapaxes(shared, 1, 2))
     return left
+
+
+def _sized(scan: ExpectedScan, probed: Probed, offsets: Array) -> Array:
+    """(T, F, N, 12) maps of the configurations where nuisances are `offsets` (F, K) from what they are taken for."""
+    model = scan.problem.mrf.model
+    larger = resized(model, model.sizes + nuisances.split(offsets, 1)[2])
+    roots, joints = (np.repeat(each[:, None], len(offsets), axis=1) for each in (probed.roots, probed.joints))
+    return _seen(scan, larger.part_poses(roots, joints), offsets)
+
+
+def _seen(scan: ExpectedScan, parts: Array, offsets: Array) -> Array:
+    """(..., N, 12) maps of part poses (..., N, 7) as the camera has them, with nuisances `offsets` (..., K) from what
+    they are taken for."""
+    assert scan.problem.nuisances is not None
+    pose, axes = np.asarray(scan.camera.pose_world_camera, dtype=np.float64), scan.problem.surfaces.axes_at_zero
+    return nuisances.apparent(scan.problem.nuisances + offsets, 0, 1, pose, parts, axes)
 
 
 def _of_outlines(scan: ExpectedScan, probed: Probed, curved: Array) -> Array:
@@ -155,7 +176,7 @@ def _of_outlines(scan: ExpectedScan, probed: Probed, curved: Array) -> Array:
 
 
 def _curvature(scan: ExpectedScan, parts: Array) -> Array:
-    """(P, P): what the score of the scan of part poses (1 + P, N, 7), the first of them, loses with steps to the
+    """(P, P): what the score of the scan of maps of parts (1 + P, N, 12), the first of them, loses with steps to the
     others, in pixels: those which show the same surface all the time, and not aslant."""
     images = [render(scan.camera, scan.problem.surfaces, each) for each in parts]
     depth, which = (np.array([image[kind].ravel() for image in images]) for kind in (0, 1))

@@ -216,6 +216,8 @@ def _probed(
     steps, near_roots, near_joints = _moved(problem, roots, joints, PROBE)
     strides, far_roots, far_joints = _moved(problem, roots, joints, problem.tolerance_end)
     probed = Probed(
+        roots=roots,
+        joints=joints,
         parts=problem.mrf.part_poses(near_roots, near_joints),
         steps=steps,
         strided=problem.mrf.part_poses(far_roots, far_joints)[:, 1:],

@@ -46,7 +46,9 @@ def told(problem: Problem, by: Camera, planes: Array | None = None) -> Array:
         problem, ROOT[None], JOINTS[None], np.concatenate([np.zeros((1, 8)), np.diag(steps[0])])[None]
     )
     parts = problem.mrf.part_poses(roots, joints)
-    probed = Probed(parts=parts, steps=steps, strided=parts[:, 1:], strides=np.zeros((1, 8)))
+    probed = Probed(
+        roots=ROOT[None], joints=JOINTS[None], parts=parts, steps=steps, strided=parts[:, 1:], strides=np.zeros((1, 8))
+    )
     return information(scan, probed)[0]
 
 
@@ -91,6 +93,26 @@ def test_what_the_further_camera_has_wrong_is_not_told() -> None:
     assert np.sqrt(np.diag(sharp)[:3]).max() < 0.002
     assert np.sqrt(np.diag(stated)[:3]).min() > 0.009
     np.testing.assert_allclose(np.diag(stated)[6:], np.diag(sharp)[6:], rtol=0.2)
+
+
+def test_an_object_of_unknown_size_is_told_less_sharply(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where it is, as far as a wider object would be nearer; its turns as well as before. The score of the scan that is
+    made, which is curved by some edges, too, tells no less."""
+    monkeypatch.setattr(registration, "STEEPEST", 1 / np.cos(GRAZING))
+    monkeypatch.setattr(registration, "PROBE", PROBE)
+    problem = made(camera(), size_std=0.02)
+    free = np.flatnonzero(problem.nuisance_std)
+    assert len(free) == 3
+    fixed, found = (np.linalg.inv(told(given, camera())) for given in (made(camera()), problem))
+    assert np.linalg.eigvalsh(found - fixed).min() > -1e-9
+    stds = np.sqrt(np.diag(found))
+    assert np.all(stds[:3] > 5 * np.sqrt(np.diag(fixed))[:3])
+    assert np.all(stds[:3] < 0.02 * problem.nuisance_levers[free])
+    np.testing.assert_allclose(stds[3:6], np.sqrt(np.diag(fixed))[3:6], rtol=0.2)
+    score = 2 * confidence(problem) * curvature(problem, ROOT, JOINTS, problem.tolerance_end, free)
+    score[range(8, 11), range(8, 11)] += problem.nuisance_std[free] ** -2.0
+    ratios = stds / np.sqrt(np.diag(np.linalg.inv(score)))[:8]
+    assert ratios.min() > 0.9 and ratios.max() < 2.5
 
 
 def test_a_farther_view_tells_less_where_the_depths_are_noisy() -> None:

@@ -85,7 +85,7 @@ def test_of_views_that_tell_as_much_as_is_asked_the_sharper_one_comes_first(
     found = ranked(noisy, posterior, [DRAWER], [view(FRONT, 2.6), view(FRONT)], 0.01)
     assert found[0].gain == pytest.approx(found[1].gain, rel=0.01)
     np.testing.assert_array_equal(found[0].view.pose, view(FRONT).pose)
-    assert found[0].std_xyz.max() < 0.9 * found[1].std_xyz.max()
+    assert found[0].std_xyz.max() < 0.97 * found[1].std_xyz.max()
 
 
 def test_a_flap_whose_origin_is_on_its_hinge_is_told_by_where_its_middle_is(

@@ -81,7 +81,8 @@ def expected_scan(problem: Problem, camera: Camera, target: Array, blocking: Arr
     distance = float(np.linalg.norm(target - np.asarray(camera.pose_world_camera)[:3]))
     before = first.distance or distance
     # the new camera's pose, and what it has wrong at all depths, is as unknown as that of any further view
-    levers = nuisances.levers(np.array([before, distance]), problem.mrf.radii)
+    sizes = problem.nuisance_levers[-3:]
+    levers = nuisances.levers(np.array([before, distance]), sizes)
     stds, levers = (
         nuisances.of_last_views(of_both, 2, 1)
         for of_both in (nuisances.prior_stds(problem.settings, levers, 2), levers)

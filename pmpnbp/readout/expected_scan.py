@@ -46,7 +46,7 @@ class ExpectedScan:
     problem : its noise and nuisances are those of the scan alone, whose one view they are of
     camera : that it is rendered with; share : of the working images' pixels one of the camera's is so many
     hidden : (h w,) metres from which on nothing is seen: 0 everywhere for a camera behind a support plane
-    grain : metres at the object that the grain of the working images hides, see `object_posterior.GRAIN`
+    grain : metres at the object that the grain of its working image hides, see `object_posterior.GRAIN`
     """
 
     problem: Problem
@@ -102,7 +102,7 @@ def expected_scan(problem: Problem, camera: Camera, target: Array, blocking: Arr
         camera=camera,
         hidden=hidden,
         share=(first.camera.fx / camera.fx) ** 2,
-        grain=GRAIN * min(before, distance) / first.camera.fx,
+        grain=GRAIN * distance / first.camera.fx,
     )
 
 

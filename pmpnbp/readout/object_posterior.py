@@ -122,10 +122,10 @@ def _placed(problem: Problem, root: Array, joints: Array, offsets: Array) -> tup
 
 
 def _grain(problem: Problem, root: Array, joints: Array) -> Array:
-    """(6 + D,) metres and radians: how far each coordinate is unknown by the working image's grain, turns by as much as
-    moves the object's end so far."""
+    """(6 + D,) metres and radians: how far each coordinate is unknown by the working images' grain, which each has its
+    own of, turns by as much as moves the object's end so far."""
     seen = [view for view in problem.observation.views if view.distance > 0]
-    footprint = min((view.distance / view.camera.fx for view in seen), default=0.0)
+    footprint = sum((view.camera.fx / view.distance) ** 2 for view in seen) ** -0.5 if seen else 0.0
     middles = poses.transform_points(problem.mrf.part_poses(root, joints), problem.mrf.centres)
     reach = float((np.linalg.norm(middles - middles[0], axis=1) + problem.mrf.radii).max())
     turns = np.concatenate([np.zeros(3, dtype=bool), np.ones(3, dtype=bool), problem.joint_turns])

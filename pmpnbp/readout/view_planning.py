@@ -101,12 +101,12 @@ def ranked(
         linear = np.einsum("tpac,tpq,tqad->tacd", slopes, neighbourhoods, slopes, optimize=True)
         return _mixed(np.exp(normalise(-told)), places) + np.repeat(linear, EVERY, axis=0)
 
-    before = left(np.zeros((DRAWS, DRAWS)), around_some)
+    before, levers = left(np.zeros((DRAWS, DRAWS)), around_some), _levers(problem)
     found = []
     for view in views:
         scan = expected_scan(problem, _camera(view.pose), middle, blocking)
-        sharper = np.linalg.inv(np.linalg.inv(around_some) + information(scan, probed))
-        after = left(told_apart(scan, parts), sharper + np.diag((scan.grain / _levers(problem)) ** 2))
+        told = blunted(information(scan, probed), scan.grain / levers)
+        after = left(told_apart(scan, parts), np.linalg.inv(np.linalg.inv(around_some) + told))
         variances = np.minimum(_diagonal(after), _diagonal(before))[:, : len(links)]
         gain, beyond = (_fall(before, after, least) for least in (max_std, LEAST))
         found.append((RankedView(view, gain, np.sqrt(variances).mean(axis=0)), beyond))
@@ -134,6 +134,12 @@ def _places(problem: Problem, roots: Array, joints: Array, links: Sequence[int])
     nodes = [part_of[model.links[link]] for link in links]
     middles = poses.transform_points(parts[:, nodes], problem.mrf.centres[nodes])
     return np.concatenate([model.link_poses(parts, joints)[:, list(links), :3], middles], axis=1)
+
+
+def blunted(information: Array, stds: Array) -> Array:
+    """Information (..., P, P) of a scan whose image hides coordinates by standard deviations (P,) besides."""
+    left: Array = information - information @ np.linalg.solve(np.diag(stds**-2.0) + information, information)
+    return left
 
 
 def _mixed(weights: Array, places: Array) -> Array:

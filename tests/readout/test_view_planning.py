@@ -15,7 +15,7 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.fit import Fit
 from pmpnbp.readout.object_posterior import mode_draws
 from pmpnbp.readout.posterior import ObjectMode, Posterior, of_estimate
-from pmpnbp.readout.view_planning import PlannedView, around, looking_at, ranked
+from pmpnbp.readout.view_planning import PlannedView, around, blunted, looking_at, ranked
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
@@ -191,3 +191,12 @@ def test_a_thing_without_joints_that_may_be_turned_either_way_is_told_by_its_sid
 def test_the_same_posterior_gives_the_same_ranking(problem: Problem, posterior: Posterior) -> None:
     once, again = (ranked(problem, posterior, [DRAWER], around(problem, posterior)) for _ in range(2))
     assert [one.gain for one in once] == [one.gain for one in again]
+
+
+def test_what_the_image_hides_is_added_to_what_the_scan_leaves_open(rng: np.random.Generator) -> None:
+    root = rng.standard_normal((3, 5, 5))
+    known, stds = root @ np.swapaxes(root, 1, 2), rng.uniform(0.1, 2.0, 5)
+    left = np.linalg.inv(blunted(known, stds))
+    np.testing.assert_allclose(left, np.linalg.inv(known) + np.diag(stds**2), rtol=1e-6, atol=1e-8)
+    known[:, 0] = known[:, :, 0] = 0.0  # of which nothing is told
+    assert np.all(np.isfinite(blunted(known, stds))) and not blunted(known, stds)[:, 0].any()

@@ -105,8 +105,12 @@ def hard_scene(family: str, seed: int) -> HardScene:
 
 
 def hidden_drawer(number: int) -> HardScene:
-    """A chest seen from above, whose open top drawer hides the lower ones; of no family, for where to look next."""
-    rng = np.random.default_rng([41, number])
+    """A chest seen from above, whose open top drawer hides the lower ones: those that where to look next is asked of.
+    Others than the family's."""
+    return _hidden(np.random.default_rng([41, number]))
+
+
+def _hidden(rng: np.random.Generator) -> HardScene:
     width, depth, height = rng.uniform([0.4, 0.35, 0.6], [0.55, 0.45, 0.85])
     urdf = models.cabinet(width, depth, height, (1, 1.2, 1.4), 0.12)
     joints = {"slide1": rng.uniform(0.2, 0.3), "slide2": rng.uniform(0, 0.15), "slide3": rng.uniform(0, 0.15)}
@@ -162,6 +166,18 @@ def _laptop(rng: np.random.Generator, low: float, high: float) -> HardScene:
     return HardScene(_table_scene(rng, urdf, {"hinge": rng.uniform(low, high)}, 0.0, 0.8), urdf)
 
 
+def _above_ground(
+    rng: np.random.Generator, urdf: str, limits: dict[str, tuple[float, float]], links: Sequence[str], least: float
+) -> dict[str, float]:
+    """Joint positions within `limits` at which the `links` are higher than `least` metres above what the root stands
+    on."""
+    while True:
+        joints = {name: rng.uniform(low, high) for name, (low, high) in limits.items()}
+        surfaces = posed(urdf, joints, poses.IDENTITY)
+        if min(surfaces[name].vertices[:, 2].min() for name in links) > least:
+            return joints
+
+
 def _open_laptop(rng: np.random.Generator) -> HardScene:
     return _laptop(rng, 1.2, 2.1)
 
@@ -184,7 +200,8 @@ def _tent(rng: np.random.Generator) -> HardScene:
 def _lamp(rng: np.random.Generator) -> HardScene:
     count = int(rng.integers(2, 4))
     urdf = models.chain(rng.uniform(0.15, 0.25, count).tolist(), [0.04] * count, turning_base=True)
-    joints = {f"hinge{n}": rng.uniform(-0.9, 0.9) for n in range(1, count + 1)}
+    limits = {f"hinge{n}": (-0.9, 0.9) for n in range(1, count + 1)}
+    joints = _above_ground(rng, urdf, limits, [f"link{n}" for n in range(2, count + 1)], 0.01)
     return HardScene(_table_scene(rng, urdf, joints, 0.0, 0.9), urdf)
 
 
@@ -222,11 +239,12 @@ def _look_alikes(rng: np.random.Generator) -> HardScene:
 def _two_arms(rng: np.random.Generator) -> HardScene:
     count = int(rng.integers(3, 5))
     urdf = two_arms(rng.uniform(0.16, 0.24, count).tolist())
-    joints = {}
-    for name in ("left", "right"):
-        for number in range(1, count + 1):
-            low, high = (-1.4, 0.6) if number % 2 else (-0.5, 0.5)
-            joints[f"{name}{number}_joint"] = rng.uniform(low, high)
+    limits = {
+        f"{name}{number}_joint": (-1.4, 0.6) if number % 2 else (-0.5, 0.5)
+        for name in ("left", "right")
+        for number in range(1, count + 1)
+    }
+    joints = _above_ground(rng, urdf, limits, [name.removesuffix("_joint") for name in limits], 0.01)
     return HardScene(_floor_scene(rng, urdf, joints, 1.3, 0.3, things=1), urdf)
 
 
@@ -241,12 +259,9 @@ def _long_chain(rng: np.random.Generator) -> HardScene:
 def _chain_of_24(rng: np.random.Generator) -> HardScene:
     count = 24
     urdf = models.chain([0.06] * count, [0.045] * count)
-    lowest = -np.inf
-    while lowest < 0.06:  # what lies behind the first link keeps off the floor
-        joints = {f"hinge{n}": rng.uniform(-0.5, 0.5) for n in range(1, count + 1)}
-        joints["hinge1"] = rng.uniform(-0.2, 0.2)
-        surfaces = posed(urdf, joints, poses.IDENTITY)
-        lowest = min(surfaces[f"link{n}"].vertices[:, 2].min() for n in range(2, count + 1))
+    limits = {f"hinge{n}": (-0.2, 0.2) if n == 1 else (-0.5, 0.5) for n in range(1, count + 1)}
+    # what lies behind the first link keeps off the floor
+    joints = _above_ground(rng, urdf, limits, [f"link{n}" for n in range(2, count + 1)], 0.06)
     return HardScene(_floor_scene(rng, urdf, joints, 1.6, 0.5, things=1), urdf)
 
 
@@ -296,6 +311,19 @@ def _bias(rng: np.random.Generator) -> HardScene:
     return HardScene(_floor_scene(rng, urdf, joints, 1.6, 0.45 * height), urdf, depth_scale=scale)
 
 
+def _board(rng: np.random.Generator) -> HardScene:
+    """A board on the floor before the lowest drawer, which cannot be seen behind it, within reach of its slide."""
+    urdf, joints, (width, depth, height) = _chest(rng)
+    lowest = (height - models.BOARD) * 1.4 / 3.6
+    near = rng.uniform(0.12, 0.24)
+    joints["slide3"] = rng.uniform(0.0, near - 0.08)
+    scene = _floor_scene(rng, urdf, joints, 1.5, 0.45 * height, things=1)
+    size = np.array([0.016, width * rng.uniform(0.9, 1.15), lowest * rng.uniform(0.95, 1.1)])
+    place = poses.from_xyz_rpy([depth / 2 + near, rng.uniform(-0.03, 0.03), size[2] / 2], [0.0, 0.0, 0.0])
+    board = surroundings.block(size, poses.multiply(scene.pose_world_base, place))
+    return HardScene(replace(scene, clutter=(*scene.clutter, board)), urdf)
+
+
 def _lying(rng: np.random.Generator) -> HardScene:
     """A cupboard on its back, its side or aslant, looked for in any orientation."""
     width, depth, height = rng.uniform([0.35, 0.28, 0.4], [0.45, 0.36, 0.55])
@@ -322,4 +350,6 @@ FAMILIES: dict[str, Callable[[np.random.Generator], HardScene]] = {
     "bias": _bias,
     "lying": _lying,
     "chain_of_24": _chain_of_24,
+    "hidden": _hidden,
+    "board": _board,
 }

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
@@ -22,8 +23,10 @@ from pmpnbp.scene.observation import View
 # A part is missed where less than this share of its pixels confirms it, of so many that can be seen, and of this share
 # of its own.
 MISSED, FEWEST_PIXELS, IN_SIGHT = 0.25, 20, 0.3
-# A part is denied where it is seen through in a larger share of its pixels that are in sight, of as many at least.
-DENIED = 0.15
+# A part is denied where a larger share of its pixels that are in sight, of as many at least, is seen through: of all of
+# them, or in clumps of so many within its outline, as where a handle is not, or the side of a drawer. Along outlines a
+# pixel here and there always is. The root, which all others hang on, is so for more of the latter.
+DENIED, DENIED_WITHIN, ROOT_DENIED, CLUMP = 0.15, 0.015, 0.08, 4
 # What covers the object without hiding it: it can be seen there, or through it.
 _IN_SIGHT = (PixelKind.EXPLAINED, PixelKind.ON_SUPPORT, PixelKind.SEEN_THROUGH, PixelKind.GOES_ON)
 
@@ -33,8 +36,10 @@ class Confirmation:
     """What the views say of an object at a place.
 
     score : the whole-object robust score without a prior; expected : the score if all that is in sight were confirmed
-    covered, hidden, confirmed : pixels, of all views: where it is rendered, behind something, and as it should be
-    missed : names of parts that are not where they should be seen; denied : of those that much is seen through
+    covered, hidden, confirmed, outside : pixels, of all views: where it is rendered, behind something, as it should be,
+        and as something is that lies outside the region of interest
+    missed : names of parts that are not where they should be seen; denied : of those that are seen through, and
+    denied_share : the share of `covered` that they have; root_denied : whether the root is one
     pixels : of each view (h, w) bool, where the object is rendered, and where it is confirmed
     """
 
@@ -43,8 +48,11 @@ class Confirmation:
     covered: int
     hidden: int
     confirmed: int
+    outside: int
     missed: tuple[str, ...]
     denied: tuple[str, ...]
+    denied_share: float
+    root_denied: bool
     pixels: tuple[tuple[View, NDArray[np.bool_], NDArray[np.bool_]], ...]
 
     @property
@@ -58,9 +66,10 @@ def confirmation(problem: Problem, root: Array, joints: Array) -> Confirmation:
     """What the problem's views say of a configuration (7,), (D,), at its last tolerance."""
     part_poses = problem.mrf.part_poses(root, joints)
     tolerance = problem.tolerance_end
-    covered = hidden = confirmed = 0
+    covered = hidden = confirmed = outside = 0
     expected = 0.0
-    own = np.zeros((4, problem.mrf.nodes))  # pixels of each part: covered, in sight, confirmed, seen through
+    # pixels of each part: covered, in sight, confirmed, seen through, and that within its outline
+    own = np.zeros((5, problem.mrf.nodes))
     pixels = []
     for view, _, depth, number in renders(problem.observation, problem.surfaces, part_poses, problem.nuisances):
         kinds = pixel_kinds(view.depth, view.category, depth, tolerance)
@@ -69,14 +78,20 @@ def confirmation(problem: Problem, root: Array, joints: Array) -> Confirmation:
         covered += int(np.count_nonzero(depth))
         hidden += int(np.count_nonzero(kinds == PixelKind.IN_FRONT))
         confirmed += int(np.count_nonzero(near))
+        outside += int(np.count_nonzero(kinds == PixelKind.OUTSIDE_ROI))
         expected += float(((depth / problem.unit_distance) ** 2)[in_sight].sum())
-        for row, chosen in enumerate((depth > 0, in_sight, near, kinds == PixelKind.SEEN_THROUGH)):
+        through = kinds == PixelKind.SEEN_THROUGH
+        within = _clumps(through & (view.depth > depth), depth > 0)
+        for row, chosen in enumerate((depth > 0, in_sight, near, through, within)):
             own[row] += np.bincount(number[chosen], minlength=problem.mrf.nodes)
         pixels.append((view, depth > 0, near))
     scoring = replace(problem.score(tolerance), form="robust")
     score = object_scores(problem.observation, problem.surfaces, part_poses[None], scoring, problem.nuisances)[0]
     seen = (own[1] >= FEWEST_PIXELS) & (own[1] >= IN_SIGHT * own[0])
-    through = (own[1] >= FEWEST_PIXELS) & (own[3] > DENIED * own[1])
+    most_within = np.full(problem.mrf.nodes, DENIED_WITHIN)
+    most_within[0] = ROOT_DENIED
+    clumps = (own[4] >= CLUMP) & (own[4] > most_within * own[1])
+    denied = np.flatnonzero((own[1] >= FEWEST_PIXELS) & (clumps | (own[3] > DENIED * own[1])))
     names = [part.name for part in problem.mrf.model.parts]
     return Confirmation(
         score=float(score),
@@ -84,10 +99,22 @@ def confirmation(problem: Problem, root: Array, joints: Array) -> Confirmation:
         covered=covered,
         hidden=hidden,
         confirmed=confirmed,
+        outside=outside,
         missed=tuple(names[node] for node in np.flatnonzero(seen & (own[2] < MISSED * own[1]))),
-        denied=tuple(names[node] for node in np.flatnonzero(through)),
+        denied=tuple(names[node] for node in denied),
+        denied_share=float(own[0, denied].sum() / max(covered, 1)),
+        root_denied=0 in denied,
         pixels=tuple(pixels),
     )
+
+
+def _clumps(through: NDArray[np.bool_], covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Those pixels of an object's image, seen `through` (h, w), that are in clumps of CLUMP at least, and not at the
+    outline of what is `covered`, which may be a pixel off."""
+    touching = np.ones((3, 3))
+    clumps = ndimage.label(through, touching)[0]
+    inside: NDArray[np.bool_] = ndimage.binary_erosion(covered, touching)
+    return through & inside & (np.bincount(clumps.ravel())[clumps] >= CLUMP)
 
 
 def by_last_views(problem: Problem, first: int) -> Problem:

@@ -16,17 +16,21 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.confirmation import confirmation, some_of
+from pmpnbp.inference.confirmation import Confirmation, confirmation, some_of
 from pmpnbp.inference.problem import Problem
-from pmpnbp.scene.observation import OBJECT, View
+from pmpnbp.scene.observation import CONTINUED, OBJECT, View
 
 Verdict = Literal["good", "doubtful", "none"]
 # Shares of what should be seen: confirmed below which there is nothing, and from which on the fit may be good. On hard
 # scenes right estimates have 0.69 and more, absent objects 0.24 and less (docs/algorithm.md).
 NOTHING, GOOD = 0.35, 0.62
-# Share of the object that something in front hides, above which the rest says too little; and from which on surfaces
-# that touch it and go on make it doubtful, if they have this share of its confirmed pixels. So many make it anyway.
-HIDDEN, PARTLY_HIDDEN, TOUCHING, MUCH_TOUCHING = 0.6, 0.08, 0.04, 0.25
+# Share of the object that something in front hides, above which the rest says too little.
+HIDDEN = 0.6
+# Surfaces that touch the object and go on make it doubtful, if they have this share of its confirmed pixels; such as are
+# longer than the object, as a table may be that no plane was found in, a larger one.
+TOUCHING, LONG_TOUCHING = 0.02, 0.25
+# Shares of the object that may be outside the region of interest, or of parts that are denied.
+OUTSIDE_REGION, DENIED_SHARE = 0.3, 0.5
 # Confirmed pixels, weighed as the score is, that are too few: a corner of anything is found by chance; and the same of
 # an object of which this share is hidden.
 FEW, HALF_HIDDEN, FEW_IF_HIDDEN = 60.0, 0.3, 150.0
@@ -42,7 +46,7 @@ OWN_SHARE, OWN_PIXELS = 0.02, 3
 class Fit:
     """verdict : whether what should be seen is seen; reason : one sentence; explained : the share of it that the scan
     confirms, 0 to 1, weighed as the score is; missed : names of parts that are not where they should be seen; denied :
-    of those that much is seen through, whose place is not to be believed, whatever that of the others is."""
+    of those that are seen through, whose place is not to be believed, whatever that of the others is."""
 
     verdict: Verdict
     reason: str
@@ -54,37 +58,40 @@ class Fit:
 def assess(problem: Problem, root: Array, joints: Array) -> Fit:
     """The fit of a configuration (7,), (D,)."""
     seen = confirmation(problem, root, joints)
-    touching = sum(_touching(*pixels) for pixels in seen.pixels)
-    hidden = seen.hidden / max(seen.covered, 1)
-    verdict, reason = _judged(seen.explained, seen.score, hidden, touching, seen.confirmed, seen.missed)
+    verdict, reason = _judged(seen)
     if verdict == "good" and seen.denied:
-        reason = f"{reason}; much of {some_of(seen.denied)} is seen through, so that it is elsewhere"
+        reason = f"{reason}; {some_of(seen.denied)} is seen through in places, so that it may be elsewhere"
     return Fit(verdict=verdict, reason=reason, explained=seen.explained, missed=seen.missed, denied=seen.denied)
 
 
-def _judged(
-    explained: float, score: float, hidden: float, touching: int, confirmed: int, missed: Sequence[str]
-) -> tuple[Verdict, str]:
-    share = f"the scan confirms {100 * explained:.0f} % of what should be seen"
-    if explained < NOTHING:
+def _judged(seen: Confirmation) -> tuple[Verdict, str]:
+    share = f"the scan confirms {100 * seen.explained:.0f} % of what should be seen"
+    if seen.explained < NOTHING:
         return "none", share
-    if explained < GOOD:
+    if seen.explained < GOOD:
         return "doubtful", share
-    if hidden > HIDDEN or (hidden > HALF_HIDDEN and score < FEW_IF_HIDDEN):
+    hidden = seen.hidden / max(seen.covered, 1)
+    if hidden > HIDDEN or (hidden > HALF_HIDDEN and seen.score < FEW_IF_HIDDEN):
         return "doubtful", f"something in front hides {100 * hidden:.0f} % of the object"
-    if score < FEW:
-        return "doubtful", f"{share}, but that is {confirmed} pixels"
-    stray = touching / max(confirmed, 1)
-    if stray > MUCH_TOUCHING or (stray > TOUCHING and hidden > PARTLY_HIDDEN):
-        return "doubtful", f"{share}, but {touching:,} pixels of the surfaces it lies on are explained by nothing"
-    if missed:
-        return "doubtful", f"{share}, but not {some_of(missed)}"
+    if seen.outside > OUTSIDE_REGION * seen.covered:
+        beyond = 100 * seen.outside / seen.covered
+        return "doubtful", f"{share}, but {beyond:.0f} % of the object is outside the region of interest"
+    if seen.score < FEW:
+        return "doubtful", f"{share}, but that is {seen.confirmed} pixels"
+    for kinds, most in (((OBJECT,), TOUCHING), ((OBJECT, CONTINUED), LONG_TOUCHING)):
+        touching = sum(_touching(*pixels, kinds) for pixels in seen.pixels)
+        if touching > most * seen.confirmed:
+            return "doubtful", f"{share}, but {touching:,} pixels of the surfaces it lies on are explained by nothing"
+    if seen.missed:
+        return "doubtful", f"{share}, but not {some_of(seen.missed)}"
+    if seen.denied_share > DENIED_SHARE or seen.root_denied:
+        return "doubtful", f"{share}, but {some_of(seen.denied)} is seen through in places"
     return "good", share
 
 
-def _touching(view: View, covered: NDArray[np.bool_], confirmed: NDArray[np.bool_]) -> int:
-    """Pixels beyond the object, that may be of it, on surfaces of which it explains a part."""
-    within = view.category == OBJECT
+def _touching(view: View, covered: NDArray[np.bool_], confirmed: NDArray[np.bool_], kinds: Sequence[int]) -> int:
+    """Pixels of some categories beyond the object, on surfaces of these of which it explains a part."""
+    within = np.isin(view.category, kinds)
     labels = _surfaces(view.depth, within)
     counts = np.bincount(labels[confirmed & within], minlength=int(labels.max()) + 1)
     of_object = counts >= max(OWN_SHARE * counts.sum(), OWN_PIXELS)

@@ -53,7 +53,7 @@ def ranking(
     snapshot: Snapshot, posterior: Posterior, links: Sequence[str], views: Sequence[PlannedView] | None, max_std: float
 ) -> tuple[RankedView, ...]:
     """The views, None: those around the object, best first by what is not known to `max_std`, metres."""
-    problem = snapshot.problem.taking(snapshot.report.nuisances)
+    problem = snapshot.placed.problem
     if not problem.observation.views or not links:
         return ()
     names = problem.mrf.model.links

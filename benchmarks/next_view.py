@@ -24,9 +24,10 @@ from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference.tree_estimate import polish
+from pmpnbp.readout.mixture import of_estimate
 from pmpnbp.readout.object_posterior import mode_draws
 from pmpnbp.readout.particle_statistics import std_xyz
-from pmpnbp.readout.posterior import of_estimate, spread
+from pmpnbp.readout.posterior import spread
 from pmpnbp.readout.view_planning import RankedView, around, ranked
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior

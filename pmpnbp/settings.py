@@ -167,6 +167,13 @@ class Settings:
     search_explained: float = _setting(
         0.8, "", "share of what the search's result covers that the scan must confirm, else it searches again", low=0
     )
+    search_unexplained: float = _setting(
+        0.5,
+        "",
+        "as a multiple of what the search's result explains, what else may be the object, from which on it is looked "
+        "for there, too; 0 never",
+        low=0,
+    )
     search_restarts: int = _setting(1, "searches", "made again at most, in its last iteration", low=0, high=100)
     search_islands: int = _setting(
         40, "hypotheses", "distinct ones that survive each iteration of the search", low=1, high=2000

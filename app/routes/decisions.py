@@ -132,7 +132,7 @@ def _sight(snapshot: Snapshot, links: Sequence[str]) -> dict[str, Any]:
     """What hides each of the links, at the estimate; None for one that would cover no pixel anywhere."""
     if not links:
         return {}
-    problem = snapshot.problem.taking(snapshot.report.nuisances)
+    problem = snapshot.placed.problem
     parts, part_of = problem.mrf.model.parts, parts_of_links(problem.mrf.model)
     found = sights(problem, snapshot.placed.part_poses)
     told: dict[str, Any] = {}

@@ -10,7 +10,7 @@ from app.sessions.long_read_out import GaveWay, LongReadOut
 from pmpnbp.inference import run as engine
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.run import Step
-from pmpnbp.readout.posterior import at_rest
+from pmpnbp.readout.mixture import at_rest
 from pmpnbp.readout.snapshot import Criteria, Snapshot, snapshot
 from pmpnbp.recording import Inputs, IterationArchive
 

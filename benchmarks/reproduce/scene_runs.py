@@ -15,7 +15,7 @@ from benchmarks.trials import PROJECT, Case, load_case, load_roi, rough_prior, t
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.readout.estimate import Placement, place
-from pmpnbp.readout.posterior import of_estimate
+from pmpnbp.readout.mixture import of_estimate
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior

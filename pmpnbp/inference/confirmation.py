@@ -27,6 +27,8 @@ MISSED, FEWEST_PIXELS, IN_SIGHT = 0.25, 20, 0.3
 # them, or in clumps of so many within its outline, as where a handle is not, or the side of a drawer. Along outlines a
 # pixel here and there always is. The root, which all others hang on, is so for more of the latter.
 DENIED, DENIED_WITHIN, ROOT_DENIED, CLUMP = 0.15, 0.015, 0.08, 4
+# Share of the object's pixels that may be outside the region of interest, which is to hold it.
+OUTSIDE_REGION = 0.3
 # What covers the object without hiding it: it can be seen there, or through it.
 _IN_SIGHT = (PixelKind.EXPLAINED, PixelKind.ON_SUPPORT, PixelKind.SEEN_THROUGH, PixelKind.GOES_ON)
 
@@ -60,6 +62,11 @@ class Confirmation:
         """The share of what should be seen that is confirmed, 0 to 1, weighed as the score is; 0 where nothing is in
         sight."""
         return float(np.clip(self.score / self.expected, 0.0, 1.0)) if self.expected > 0 else 0.0
+
+    @property
+    def outside_region(self) -> bool:
+        """Whether the object is largely outside the region that is to hold it."""
+        return self.outside > OUTSIDE_REGION * self.covered
 
 
 def confirmation(problem: Problem, root: Array, joints: Array) -> Confirmation:

@@ -6,8 +6,9 @@ from the prior, small moves and quarter turns of what did well), walks from the 
 best of several positions for the part behind it, renders the best of the distinct hypotheses whole, and keeps the best
 of these as islands. The belief it leaves is made of whole objects: particle i of all parts is one hypothesis.
 
-A search may settle in a wrong place all the same; where the scan confirms too little of what it found, it is made again
-from the start, and the better result stays.
+A search may settle in a wrong place all the same. Where much is left that may be the object, it is looked for there,
+too, and all places are compared; where the scan confirms too little of what was found, the search is made again from
+the start. The best result stays.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ from pmpnbp.inference.initialisation import matched_roots, prior_roots, random_j
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.rivals import turned, turning_axes
 from pmpnbp.inference.settling import SETTLE_INFORMED, SETTLE_UNINFORMED, Settling, settled, tight_tolerance
-from pmpnbp.inference.tree_estimate import configuration_scores
+from pmpnbp.inference.tree_estimate import configuration_scores, polish
+from pmpnbp.inference.unexplained import is_within_region, unexplained
 from pmpnbp.potentials.unary import explained_share
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.settings import Schedule
@@ -49,6 +51,8 @@ FIRST_ISLANDS = 3
 INFORMED_ISLANDS = 0.5
 # Hypotheses nearer than this many diffusion lengths are one.
 DISTINCT = 1.5
+# Places that are found in what the best one left unexplained, for so many rounds polished on all of the scan.
+ELSEWHERE, ELSEWHERE_ROUNDS = 4, 4
 # Effective share of the islands' weights where the settings leave weights untempered.
 EFFECTIVE_SHARE = 0.15
 
@@ -57,27 +61,66 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     """One iteration of the search; the last one includes further searches where the first did not do."""
     began = time.perf_counter()
     state, report = _searched(rng, state, problem)
-    began_after = state.search_after
-    if state.iteration - began_after < problem.search_iterations:
+    if state.iteration - state.search_after < problem.search_iterations:
         return state, report
+    state, report, notes = _looked_elsewhere(rng, state, problem, report)
     shares, rivals = [_explained(problem, report)], [state.rivals]
     while shares[-1] < problem.settings.search_explained and len(shares) <= problem.settings.search_restarts:
-        other, its_report = state, report
-        for number in range(problem.search_iterations):
-            other = replace(other, iteration=began_after + number)
-            other, its_report = _searched(rng, other, problem, anew=True)
+        other, its_report = _made_again(rng, state, problem)
         rivals.append(other.rivals)
         if its_report.map_score > report.map_score:
             state, report = other, its_report
         shares.append(_explained(problem, report))
-    notes = (
-        f"the search was made {len(shares)} times, as the scan confirmed {100 * shares[0]:.0f} % of what the first had "
-        f"found; it confirms {100 * shares[-1]:.0f} % of the best",
-    )
-    if len(rivals) > 1:
+    if len(shares) > 1:
+        notes += (
+            f"the search was made {len(shares)} times, as the scan confirmed {100 * shares[0]:.0f} % of what the first "
+            f"had found; it confirms {100 * shares[-1]:.0f} % of the best",
+        )
         state = replace(state, rivals=np.concatenate([some for some in rivals if some is not None]))
-    told = notes[: len(shares) - 1]
-    return state, replace(report, rivals=state.rivals, notes=told, seconds=time.perf_counter() - began)
+    return state, replace(report, rivals=state.rivals, notes=notes, seconds=time.perf_counter() - began)
+
+
+def _looked_elsewhere(
+    rng: np.random.Generator, state: State, problem: Problem, report: IterationReport
+) -> tuple[State, IterationReport, tuple[str, ...]]:
+    """The search's last iteration, and with it what is found when it is made again in all that its best place leaves
+    unexplained, where that is much: the better of both, the other among its rivals; and what is to be said of it.
+
+    Chains are looked for in all of the scan, in the other way, as they begin where their root is seen. Of two places
+    one of which is largely outside the region, the other is the better one where the scan confirms it.
+    """
+    assert state.root is not None and state.joints is not None and state.rivals is not None
+    most = problem.settings.search_unexplained
+    if not most or not isinstance(problem.prior, UniformPrior):
+        return state, report, ()
+    rest = unexplained(problem, state.root, state.joints)
+    if rest.left <= most:
+        return state, report, ()
+    found, its_report = _made_again(rng, state, rest.problem if problem.the_other_way is problem else problem)
+    assert found.rivals is not None
+    plan, before = problem.schedule(problem.search_iterations), found.rivals[:ELSEWHERE]
+    places = before[:, :7], before[:, 7:]
+    roots, joints, score = polish(rng, problem, *places, plan, tight_tolerance(problem), ELSEWHERE_ROUNDS)
+    rivals = np.concatenate([state.rivals, np.concatenate([roots, joints], axis=1)])
+    best = int(score.argmax())
+    better = score[best] > report.map_score
+    if rest.outside and not better:
+        better = is_within_region(problem, roots[best], joints[best])
+    if better:
+        state = replace(found, root=roots[best], joints=joints[best])
+        part_poses = problem.mrf.part_poses(roots[best], joints[best])
+        report = replace(its_report, map_poses=part_poses, map_joints=joints[best], map_score=float(score[best]))
+    note = f"{100 * rest.left:.0f} % as much as the best place explains was left; the object was looked for there, too"
+    return replace(state, rivals=rivals), report, (note,)
+
+
+def _made_again(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, IterationReport]:
+    """Another search, from the start, that ends in the same iteration."""
+    ended, problem = state.iteration, problem.the_other_way
+    for number in range(problem.search_iterations):
+        before = replace(state, iteration=state.search_after + number)
+        state, report = _searched(rng, before, problem, anew=True)
+    return replace(state, iteration=ended), replace(report, iteration=ended)
 
 
 def _explained(problem: Problem, report: IterationReport) -> float:
@@ -118,7 +161,7 @@ def compared(
     effort : how these are settled; None before the last word
     """
     began = time.perf_counter()
-    if problem.long_chain:
+    if problem.grows:
         tried = grow(rng, problem, proposals, plan)
     else:
         tried = walk(rng, problem, proposals, plan, kept, COMPARED * islands)

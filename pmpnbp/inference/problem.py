@@ -28,8 +28,9 @@ from pmpnbp.settings import Schedule, SessionOptions, Settings, check_method, sc
 
 # A smooth surface this many times longer than the object is none of its own.
 LONGER = 1.15
-# The root and the part farthest from it have as many joints between them at least where chains are grown.
-LONG_CHAIN = 10
+# The root and the part farthest from it have as many joints between them at least where chains are grown; and where
+# they may be, when the search is made again.
+LONG_CHAIN, CHAIN = 10, 3
 # The tolerance is as many standard deviations of the scan's depths at least: less leaves out what is there.
 DEVIATIONS = 2.0
 
@@ -47,6 +48,7 @@ class Problem:
     nuisance_std : (K,) prior standard deviations of the nuisances, see `potentials/nuisances.py`; 0 is fixed
     nuisance_levers : (K,) metres that the object's surface moves for one unit of each
     nuisances : (K,) what they are taken for; None where all are fixed
+    grows : whether the object is looked for link by link, see `inference/chain_growth.py`
     arrival : which views came last, and after which iteration; None where all were there at the beginning
     """
 
@@ -67,6 +69,7 @@ class Problem:
     nuisance_std: Array
     nuisance_levers: Array
     nuisances: Array | None
+    grows: bool
     arrival: Arrival | None = None
 
     @property
@@ -75,9 +78,10 @@ class Problem:
         return isinstance(self.prior, UniformPrior) and self.prior.orientation == "any"
 
     @property
-    def long_chain(self) -> bool:
-        """Whether the object is found link by link, see `inference/chain_growth.py`."""
-        return self.mrf.depth >= LONG_CHAIN
+    def the_other_way(self) -> Problem:
+        """The same, where there are some joints in a row, to be looked for in the way that it was not before: growing
+        chains finds some that walks do not, and the other way round."""
+        return replace(self, grows=not self.grows) if CHAIN <= self.mrf.depth < LONG_CHAIN else self
 
     @property
     def search_iterations(self) -> int:
@@ -86,7 +90,7 @@ class Problem:
         chosen = self.settings
         if chosen.search_iterations == 0:
             return 0
-        if self.long_chain:
+        if self.grows:
             return 1
         return (1 + self.any_orientation) * chosen.search_iterations + chosen.search_iterations_per_joint * max(
             self.mrf.depth - 2, 0
@@ -237,6 +241,7 @@ def build(
         nuisance_std=nuisance_std,
         nuisance_levers=levers,
         nuisances=np.zeros(len(levers)) if nuisance_std.any() else None,
+        grows=mrf.depth >= LONG_CHAIN,
         arrival=arrival,
     )
 

@@ -34,6 +34,7 @@ VISIBLE_TOLERANCE = 0.02
 class Placement:
     """Where everything is, how far the particles are spread about it, and the posterior: what is soon told.
 
+    problem : with the nuisances that the placement takes
     part_poses : (N, 7), part in world; joint_positions : (D,) the joint vector; both agree with the tree
     link_poses : (L, 7), link in world, in the model's order; particles : (T, L, 7), those of every link, link in world;
     particle i of a link has the weight of particle i of the part that `parts_of_links` names
@@ -41,6 +42,7 @@ class Placement:
     posterior : what the scan leaves open, and `spread` the same about the estimate; None where it was not read out
     """
 
+    problem: Problem
     part_poses: Array
     joint_positions: Array
     link_poses: Array
@@ -203,13 +205,18 @@ class Estimate:
 
 
 def place(problem: Problem, report: IterationReport, posterior: Posterior | None = None) -> Placement:
-    """Where the estimate of an iteration has everything. The same arguments give the same numbers.
+    """Where the estimate of an iteration has everything, or the middle of its posterior where there is one. The same
+    arguments give the same numbers.
 
-    posterior : as `posterior.read_out` gave it, where it did
+    posterior : as `mixture.read_out` gave it, where it did
     """
-    problem = problem.taking(report.nuisances)
+    centre = None if posterior is None else posterior.centre
+    if centre is None:
+        problem = problem.taking(report.nuisances)
+        root, joints = agreeing(problem, report)
+    else:
+        problem, root, joints = problem.taking(centre.nuisances), centre.root, centre.joints
     model, belief = problem.mrf.model, report.belief
-    root, joints = agreeing(problem, report)
     part_poses = model.part_poses(root, joints)
     link_poses = model.link_poses(part_poses, joints)
     rng = np.random.default_rng([problem.seed, report.iteration])
@@ -223,7 +230,7 @@ def place(problem: Problem, report: IterationReport, posterior: Posterior | None
         for row, name in enumerate(model.links)
     ]
     told = None if posterior is None else spread(problem, posterior, root, joints)
-    return Placement(part_poses, joints, link_poses, particles, np.array(covariances), posterior, told)
+    return Placement(problem, part_poses, joints, link_poses, particles, np.array(covariances), posterior, told)
 
 
 def estimate(
@@ -240,9 +247,9 @@ def estimate(
     placed : what `place` gave, with the posterior where there is one
     max_std : metres, up to which a link is certain; seconds : wall time of the inference so far
     """
-    problem = problem.taking(report.nuisances)
-    model, belief, observation = problem.mrf.model, report.belief, problem.observation
     placed = placed or place(problem, report)
+    problem = placed.problem
+    model, belief, observation = problem.mrf.model, report.belief, problem.observation
     part_poses = placed.part_poses
     fractions = visible_fractions(observation, problem.surfaces, part_poses, VISIBLE_TOLERANCE, problem.nuisances)
     likelihoods = problem.unary(

@@ -15,9 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.confirmation import Confirmation, confirmation, some_of
-from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.confirmation import Confirmation, some_of
 from pmpnbp.scene.observation import CONTINUED, OBJECT, View
 
 Verdict = Literal["good", "doubtful", "none"]
@@ -26,11 +24,11 @@ Verdict = Literal["good", "doubtful", "none"]
 NOTHING, GOOD = 0.35, 0.62
 # Share of the object that something in front hides, above which the rest says too little.
 HIDDEN = 0.6
-# Surfaces that touch the object and go on make it doubtful, if they have this share of its confirmed pixels; such as are
-# longer than the object, as a table may be that no plane was found in, a larger one.
+# Surfaces that touch the object and go on make it doubtful, if they have this share of its confirmed pixels; such as
+# are longer than the object, as a table may be that no plane was found in, a larger one.
 TOUCHING, LONG_TOUCHING = 0.02, 0.25
-# Shares of the object that may be outside the region of interest, or of parts that are denied.
-OUTSIDE_REGION, DENIED_SHARE = 0.3, 0.5
+# Share of the object's pixels that may be of parts that are denied.
+DENIED_SHARE = 0.5
 # Confirmed pixels, weighed as the score is, that are too few: a corner of anything is found by chance; and the same of
 # an object of which this share is hidden.
 FEW, HALF_HIDDEN, FEW_IF_HIDDEN = 60.0, 0.3, 150.0
@@ -55,9 +53,8 @@ class Fit:
     denied: tuple[str, ...] = ()
 
 
-def assess(problem: Problem, root: Array, joints: Array) -> Fit:
-    """The fit of a configuration (7,), (D,)."""
-    seen = confirmation(problem, root, joints)
+def assess(seen: Confirmation) -> Fit:
+    """The fit of a place, by what the views say of it."""
     verdict, reason = _judged(seen)
     if verdict == "good" and seen.denied:
         reason = f"{reason}; {some_of(seen.denied)} is seen through in places, so that it may be elsewhere"
@@ -73,7 +70,7 @@ def _judged(seen: Confirmation) -> tuple[Verdict, str]:
     hidden = seen.hidden / max(seen.covered, 1)
     if hidden > HIDDEN or (hidden > HALF_HIDDEN and seen.score < FEW_IF_HIDDEN):
         return "doubtful", f"something in front hides {100 * hidden:.0f} % of the object"
-    if seen.outside > OUTSIDE_REGION * seen.covered:
+    if seen.outside_region:
         beyond = 100 * seen.outside / seen.covered
         return "doubtful", f"{share}, but {beyond:.0f} % of the object is outside the region of interest"
     if seen.score < FEW:

@@ -134,11 +134,14 @@ class Proposal:
 
 @dataclass(frozen=True)
 class WeightedDraws:
-    """rows : (C, P); log_weights : (C,), truncated, their exponentials sum to 1; log_integral : of the density over all
-    coordinates; effective_sample_size : how many draws of equal weight would tell as much, 0 where none has any: of the
-    weights before they were truncated, for these tell how well the proposals cover the density."""
+    """rows : (C, P); log_density : (C,) there; log_weights : (C,), truncated, their exponentials sum to 1
+    log_integral : of the density over all coordinates
+    effective_sample_size : how many draws of equal weight would tell as much, 0 where none has any: of the weights
+        before they were truncated, for these tell how well the proposals cover the density
+    """
 
     rows: Array
+    log_density: Array
     log_weights: Array
     log_integral: float
     effective_sample_size: float
@@ -166,7 +169,8 @@ def adaptive_importance(
         proposal = _refitted(proposal, rows, log_weights)
     effective = _count(log_weights)
     log_weights = _truncated(log_weights)
-    return WeightedDraws(rows, normalise(log_weights), float(log_sum_exp(log_weights)) - np.log(len(rows)), effective)
+    integral = float(log_sum_exp(log_weights)) - np.log(len(rows))
+    return WeightedDraws(rows, value, normalise(log_weights), integral, effective)
 
 
 def _count(log_weights: Array) -> float:

@@ -63,7 +63,9 @@ class ModeDraws:
     """Draws of one mode of the object.
 
     roots : (K, 7); joints : (K, D); log_weights : (K,), their exponentials sum to 1
-    sizes : (K, 3), see `scene/sizes.py`; None where they are fixed
+    nuisances : (K, ...), see `potentials/nuisances.py`; None where all are fixed
+    best_root, best_joints : (7,), (D,) of the draw of the highest density; gain : nats by which that is higher than at
+        the configuration that was drawn about
     log_evidence : of the mode: logarithm of the posterior's integral over it, up to what is the same for all modes
     effective_sample_size : how many draws of equal weight would tell as much
     """
@@ -71,7 +73,10 @@ class ModeDraws:
     roots: Array
     joints: Array
     log_weights: Array
-    sizes: Array | None
+    nuisances: Array | None
+    best_root: Array
+    best_joints: Array
+    gain: float
     log_evidence: float
     effective_sample_size: float
 
@@ -90,6 +95,7 @@ def mode_draws(
     first = Proposal(np.zeros(len(information)), covariance, lower, upper, grids)
     counts = (FIRST, *[max(LEAST, EACH * len(information))] * (ROUNDS - 1))
     drawn = adaptive_importance(rng, density, first, counts, ENOUGH)
+    placed, best = _placed(problem, root, joints, drawn.rows[:, : 6 + model.dof]), int(drawn.log_density.argmax())
     stir = _grain(problem, root, joints) * rng.standard_normal((len(drawn.rows), 6 + model.dof))
     roots, q = _placed(problem, root, joints, drawn.rows[:, : 6 + model.dof] + stir)
     q = within_limits(q, model.lower, model.upper, model.wraps)
@@ -99,7 +105,10 @@ def mode_draws(
         roots=roots,
         joints=within_limits(q, model.lower, model.upper, model.wraps),
         log_weights=drawn.log_weights,
-        sizes=problem.free_sizes(_nuisances(problem, free, drawn.rows[:, 6 + model.dof :])),
+        nuisances=_nuisances(problem, free, drawn.rows[:, 6 + model.dof :]),
+        best_root=placed[0][best],
+        best_joints=within_limits(placed[1][best], model.lower, model.upper, model.wraps),
+        gain=float(drawn.log_density[best] - density(np.zeros((1, len(information))))[0]),
         log_evidence=drawn.log_integral,
         effective_sample_size=drawn.effective_sample_size,
     )

@@ -16,7 +16,8 @@ from pmpnbp.json_text import json_bytes
 from pmpnbp.readout import estimate as readout
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.estimate import Placement, place
-from pmpnbp.readout.posterior import Posterior, read_out
+from pmpnbp.readout.mixture import read_out
+from pmpnbp.readout.posterior import Posterior
 from pmpnbp.readout.result import to_result
 from pmpnbp.readout.truth_errors import errors as truth_errors
 from pmpnbp.readout.truth_errors import part_adds

@@ -23,7 +23,7 @@ from pmpnbp.inference.log_weights import normalise
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import moved
 from pmpnbp.readout.expected_scan import PROBE, Probed, blocking_points, expected_scan, information, told_apart
-from pmpnbp.readout.particle_statistics import short_way_round
+from pmpnbp.readout.mixture import coordinate_levers, mode_offsets
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.scene.articulated_object import parts_of_links
 from pmpnbp.settings import SessionOptions
@@ -101,7 +101,7 @@ def ranked(
         linear = np.einsum("tpac,tpq,tqad->tacd", slopes, neighbourhoods, slopes, optimize=True)
         return _mixed(np.exp(normalise(-told)), places) + np.repeat(linear, EVERY, axis=0)
 
-    before, levers = left(np.zeros((DRAWS, DRAWS)), around_some), _levers(problem)
+    before, levers = left(np.zeros((DRAWS, DRAWS)), around_some), coordinate_levers(problem)
     found = []
     for view in views:
         scan = expected_scan(problem, _camera(view.pose), middle, blocking)
@@ -167,12 +167,6 @@ def _camera(pose: Array) -> Camera:
     return Camera(WIDTH, HEIGHT, focal, focal, (WIDTH - 1) / 2, (HEIGHT - 1) / 2, pose)
 
 
-def _levers(problem: Problem) -> Array:
-    """(6 + D,) metres that the object moves for one unit of each coordinate of root and joints."""
-    reach = float(problem.mrf.radii.max())
-    return np.concatenate([np.ones(3), np.full(3, reach), np.where(problem.joint_turns, reach, 1.0)])
-
-
 def _neighbourhoods(
     problem: Problem, posterior: Posterior, chosen: NDArray[np.int64]
 ) -> tuple[Array, NDArray[np.bool_]]:
@@ -180,17 +174,13 @@ def _neighbourhoods(
     together; and the covariance (M, 6 + D, 6 + D) that a draw of those `chosen` (K,) stands for: of open coordinates
     what lies between two of them, of the others all. Coordinates are the root's translation and rotation vector about
     its centre, and joints."""
-    model, centre = problem.mrf.model, problem.mrf.centres[0]
     near, is_open = [], []
     for number, mode in enumerate(posterior.modes):
         own = posterior.mode == number
         roots, weights = posterior.drawn_roots[own], np.exp(normalise(posterior.log_weights[own]))
-        moves = poses.transform_points(roots, centre) - poses.transform_points(mode.root, centre)
-        turns = poses.quaternion_multiply(roots[:, 3:], poses.quaternion_conjugate(mode.root[3:]))
-        slides = short_way_round(posterior.drawn_joints[own] - mode.joints, model.wraps)
-        offsets = np.concatenate([moves, poses.to_rotation_vector(turns), slides], axis=1)
-        covariance = np.cov(offsets.T, aweights=weights, bias=True) + np.diag((LEAST / _levers(problem)) ** 2)
-        wide = np.sqrt(np.diagonal(covariance)) * _levers(problem) >= problem.tolerance_end
+        offsets = mode_offsets(problem, mode.root, mode.joints, roots, posterior.drawn_joints[own])
+        covariance = np.cov(offsets.T, aweights=weights, bias=True) + np.diag((LEAST / coordinate_levers(problem)) ** 2)
+        wide = np.sqrt(np.diagonal(covariance)) * coordinate_levers(problem) >= problem.tolerance_end
         wide[:6] = wide[:6].any()
         # so many draws fill the open coordinates' volume
         count, size = max(len(np.unique(chosen[own[chosen]])), 1), max(int(wide.sum()), 1)
@@ -239,7 +229,7 @@ def _moved(problem: Problem, roots: Array, joints: Array, reach: float) -> tuple
     """Steps (T, 6 + D) that move the surface of configurations (T, 7), (T, D) by `reach` metres, a joint away from its
     upper limit; and root poses (T, 1 + 6 + D, 7) and joints (T, 1 + 6 + D, D), as they are and moved by each."""
     model = problem.mrf.model
-    steps = np.tile(reach / _levers(problem), (len(roots), 1))
+    steps = np.tile(reach / coordinate_levers(problem), (len(roots), 1))
     steps[:, 6:][~model.wraps & (joints + steps[:, 6:] > model.upper)] *= -1.0
     size = steps.shape[1]
     return steps, *moved(problem, roots, joints, steps[:, None] * np.concatenate([np.zeros((1, size)), np.eye(size)]))

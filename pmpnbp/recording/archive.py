@@ -21,7 +21,8 @@ from pmpnbp.inference import run
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.run import Step
-from pmpnbp.readout.posterior import Posterior, read_out
+from pmpnbp.readout.mixture import read_out
+from pmpnbp.readout.posterior import Posterior
 from pmpnbp.readout.snapshot import Criteria, Row, Snapshot, snapshot
 from pmpnbp.recording.changes import Change
 from pmpnbp.recording.inputs import Inputs

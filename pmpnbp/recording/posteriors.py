@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pmpnbp.errors import RecordingError
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.fit import Fit, Verdict
-from pmpnbp.readout.posterior import ObjectMode, Posterior
+from pmpnbp.readout.posterior import Centre, ObjectMode, Posterior
 from pmpnbp.recording.arrays import Arrays
 from pmpnbp.recording.report_check import are_numbers, are_poses, are_whole
 from pmpnbp.recording.schema import PREFIX
@@ -35,6 +35,10 @@ def posterior_arrays(posterior: Posterior) -> Arrays:
     found["effective_sample_size"] = np.array([posterior.effective_sample_size])
     if posterior.drawn_sizes is not None:
         found["drawn_sizes"] = posterior.drawn_sizes
+    if posterior.centre is not None:
+        found["centre_root"], found["centre_joints"] = posterior.centre.root, posterior.centre.joints
+        if posterior.centre.nuisances is not None:
+            found["centre_nuisances"] = posterior.centre.nuisances
     found["fit"] = np.frombuffer(json.dumps(text).encode(), dtype=np.uint8)
     return {PREFIX + name: values for name, values in found.items()}
 
@@ -54,7 +58,15 @@ def to_posterior(iteration: int, arrays: Mapping[str, NDArray[Any]]) -> Posterio
         effective_sample_size=float(found["effective_sample_size"].item()),
         fit=Fit(**{**fit, **{name: tuple(fit[name]) for name in ("missed", "denied")}}),
         drawn_sizes=found.get("drawn_sizes"),
+        centre=_centre(found),
     )
+
+
+def _centre(arrays: Mapping[str, NDArray[Any]]) -> Centre | None:
+    """None of a posterior that was recorded before there was one, or without one."""
+    if "centre_root" not in arrays:
+        return None
+    return Centre(root=arrays["centre_root"], joints=arrays["centre_joints"], nuisances=arrays.get("centre_nuisances"))
 
 
 def check_posterior_fits(problem: Problem, posterior: Posterior) -> None:
@@ -77,6 +89,7 @@ def _fits(problem: Problem, posterior: Posterior) -> bool:
         and are_poses(posterior.drawn_roots, (draws, 7))
         and are_numbers(posterior.drawn_joints, (draws, dof))
         and (posterior.drawn_sizes is None or _are_sizes(posterior.drawn_sizes, draws))
+        and (posterior.centre is None or _is_centre(problem, posterior.centre))
         and are_whole(mode, (draws,))
         and all(are_poses(one.root, (7,)) and are_numbers(one.joints, (dof,)) for one in posterior.modes)
     )
@@ -95,6 +108,11 @@ def _fits(problem: Problem, posterior: Posterior) -> bool:
         and 0 <= fit.explained <= 1
         and all(isinstance(name, str) for name in (*fit.missed, *fit.denied))
     )
+
+
+def _is_centre(problem: Problem, centre: Centre) -> bool:
+    nuisances = centre.nuisances is None or are_numbers(centre.nuisances, problem.nuisance_std.shape)
+    return nuisances and are_poses(centre.root, (7,)) and are_numbers(centre.joints, (problem.mrf.model.dof,))
 
 
 def _are_sizes(sizes: NDArray[Any], draws: int) -> bool:

@@ -254,18 +254,31 @@ def _oriented_points(view: View, world: NDArray[np.float32]) -> tuple[Array, Arr
 def without_longer_surfaces(observation: Observation, length: float) -> Observation:
     """The observation of an object that is at most `length` metres long: what lies on a longer smooth surface is
     CONTINUED where it was OBJECT, and none of `points`. As it is where nothing is left."""
-    views, points, normals = [], [], []
-    for view in observation.views:
+    longer = [
+        (patch_lengths(view.patches, _world(view.camera, view.camera.back_project(view.depth))) > length)[view.patches]
+        for view in observation.views
+    ]
+    left = _but(observation, longer, CONTINUED)
+    return left if len(left.points) else observation
+
+
+def without_pixels(observation: Observation, taken: Sequence[NDArray[np.bool_]]) -> Observation:
+    """The observation without what is `taken` (h, w) of each view: OUTSIDE where it was OBJECT, and none of `points`,
+    of which there may be none."""
+    return _but(observation, taken, OUTSIDE)
+
+
+def _but(observation: Observation, chosen: Sequence[NDArray[np.bool_]], category: int) -> Observation:
+    """The observation with the OBJECT pixels that are `chosen` (h, w) of each view in another category."""
+    views, points, normals = [], [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for view, some in zip(observation.views, chosen, strict=True):
+        changed = np.where(some & (view.category == OBJECT), np.uint8(category), view.category)
+        changed.setflags(write=False)
+        views.append(replace(view, category=changed))
         world = _world(view.camera, view.camera.back_project(view.depth))
-        longer = (patch_lengths(view.patches, world) > length)[view.patches]
-        category = np.where(longer & (view.category == OBJECT), np.uint8(CONTINUED), view.category)
-        category.setflags(write=False)
-        views.append(replace(view, category=category))
         view_points, view_normals = _oriented_points(views[-1], world)
         points.append(view_points)
         normals.append(view_normals)
-    if not any(map(len, points)):
-        return observation
     return replace(observation, views=tuple(views), points=np.concatenate(points), normals=np.concatenate(normals))
 
 

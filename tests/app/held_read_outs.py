@@ -11,8 +11,9 @@ import pytest
 
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
-from pmpnbp.readout import posterior
+from pmpnbp.readout import mixture
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
+from pmpnbp.readout.posterior import Posterior
 from tests.app.small_sessions import PATIENCE
 
 
@@ -23,15 +24,13 @@ class Held:
     """
 
     def __init__(self) -> None:
-        self._of_estimate = posterior.of_estimate
+        self._of_estimate = mixture.of_estimate
         self._released = threading.Event()
         self.changed = threading.Condition()
         self.begun: list[int] = []
         self.ended = 0
 
-    def of_estimate(
-        self, problem: Problem, report: IterationReport, checkpoint: Checkpoint = go_on
-    ) -> posterior.Posterior:
+    def of_estimate(self, problem: Problem, report: IterationReport, checkpoint: Checkpoint = go_on) -> Posterior:
         """In the place of the function of that name."""
         with self.changed:
             self.begun.append(report.iteration)
@@ -61,6 +60,6 @@ def holding() -> Iterator[Held]:
     """Every read-out that begins within is held up, and let go on leaving."""
     found = Held()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(posterior, "of_estimate", found.of_estimate)
+        patch.setattr(mixture, "of_estimate", found.of_estimate)
         yield found
     found.release()

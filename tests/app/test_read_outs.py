@@ -12,7 +12,7 @@ import httpx
 import pytest
 
 from app.sessions import long_read_out
-from pmpnbp.readout import posterior
+from pmpnbp.readout import mixture
 from tests.app import small_sessions as small
 from tests.app.held_read_outs import Held, holding
 from tests.app.small_sessions import history, problem
@@ -202,6 +202,6 @@ def test_a_read_out_that_fails_is_told_to_who_asked_and_tried_again(
 
     small.step(client, path, 6)
     with monkeypatch.context() as patch:
-        patch.setattr(posterior, "of_estimate", fail)
+        patch.setattr(mixture, "of_estimate", fail)
         problem(client.get(f"{path}/posterior/frame"), 500, "internal error")
     assert client.get(f"{path}/posterior/frame").json()["posterior_iteration"] == 6

@@ -15,7 +15,7 @@ from pmpnbp.inference.arrival import Arrival
 from pmpnbp.inference.confirmation import by_last_views, confirmation
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.run import Step
-from pmpnbp.readout.posterior import read_out
+from pmpnbp.readout.mixture import read_out
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds

@@ -13,7 +13,7 @@ from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run
 from pmpnbp.readout.coordinates import Coordinate, coordinates
 from pmpnbp.readout.estimate import Placement, place
-from pmpnbp.readout.posterior import of_estimate
+from pmpnbp.readout.mixture import of_estimate
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
 

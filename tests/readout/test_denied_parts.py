@@ -11,10 +11,12 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run
 from pmpnbp.inference.belief import IterationReport
+from pmpnbp.inference.confirmation import confirmation
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.denied_parts import STAYING, drawn_anew, moving
 from pmpnbp.readout.fit import assess
-from pmpnbp.readout.posterior import of_estimate, spread
+from pmpnbp.readout.mixture import of_estimate
+from pmpnbp.readout.posterior import spread
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
@@ -95,7 +97,7 @@ def test_where_nothing_would_be_seen_through_is_as_likely_everywhere(rng: np.ran
     back = at(1.5, 0.0, 0.0)
     observation = worlds.seen(there, back, SHUT, worlds.camera_at((0.0, 0.0, 0.2), back[:3] + [0, 0, 0.2]), margin=0.4)
     problem = problems.build(there, observation, UniformPrior("upright"), worlds.settings(), particles=20)
-    assert assess(problem, back, SHUT).verdict == "good"
+    assert assess(confirmation(problem, back, SHUT)).verdict == "good"
     drawn = drawn_anew(rng, problem, back, SHUT, [1], np.full((4000, 1), 0.3))[:, 0]
     stays = drawn == 0.3
     assert stays.mean() == pytest.approx(STAYING, abs=0.04)

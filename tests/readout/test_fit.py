@@ -10,8 +10,10 @@ import pytest
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
+from pmpnbp.inference.confirmation import confirmation
 from pmpnbp.inference.problem import Problem
-from pmpnbp.readout.fit import assess
+from pmpnbp.readout.fit import Fit
+from pmpnbp.readout.fit import assess as judged
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
@@ -36,6 +38,10 @@ def built(
     box = np.array([*(ROOT[:3] - [0.6, 0.6, 0.1]), *(ROOT[:3] + [0.6, 0.6, 0.7])])
     observation = observe([replace(scan, depth=depth)], box, up=worlds.UP)
     return problems.build(MODEL, observation, UniformPrior("upright"), worlds.settings(), particles=20)
+
+
+def assess(problem: Problem, root: Array, joints: Array) -> Fit:
+    return judged(confirmation(problem, root, joints))
 
 
 def test_where_it_is_the_fit_is_good_and_says_how_much_is_confirmed() -> None:

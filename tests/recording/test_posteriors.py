@@ -16,7 +16,8 @@ from pmpnbp.errors import RecordingError
 from pmpnbp.inference import run
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.run import Step
-from pmpnbp.readout.posterior import Posterior, of_estimate
+from pmpnbp.readout.mixture import of_estimate
+from pmpnbp.readout.posterior import Posterior
 from pmpnbp.readout.snapshot import Criteria, snapshot
 from pmpnbp.recording import Inputs, IterationArchive, Recording, RecordingWriter
 from pmpnbp.recording.posteriors import check_posterior_fits, posterior_arrays, to_posterior

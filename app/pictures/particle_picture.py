@@ -18,6 +18,7 @@ from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.pixel_kinds import PixelKind, pixel_kinds
 from pmpnbp.potentials.unary import PixelScore, render_part
+from pmpnbp.scene.work_image import turned_back
 
 # Depth from near to far, sRGB: lightness falls evenly.
 RAMP = ("#f6efd9", "#c9d3b0", "#86b1a0", "#4d8797", "#2f5a80", "#252f57")
@@ -81,9 +82,12 @@ def particle_picture(
     rendered = render_part(seen.camera, problem.surfaces, node, report.belief.poses[node, index])
     score = problem.score(report.tolerance)
     kinds = pixel_kinds(seen.depth, seen.category, rendered, score.tolerance)
+    counts = {kind: int(np.count_nonzero(kinds == kind)) for kind in KIND_COLOURS}
+    depth, rendered = (turned_back(image, seen.turn, seen.camera) for image in (seen.depth, rendered))
+    kinds = turned_back(kinds, seen.turn, seen.camera)
     rows, columns = cut_out(rendered > 0, ASPECT)
     style = _style(width, dark)
-    cut_depth, cut_rendered = seen.depth[rows, columns], rendered[rows, columns]
+    cut_depth, cut_rendered = depth[rows, columns], rendered[rows, columns]
     span = _span(cut_depth, cut_rendered)
     outline = _rim(rendered > 0)[rows, columns]
     observed = _depth_colours(cut_depth, span, style)
@@ -93,7 +97,6 @@ def particle_picture(
         ("Rendered at this pose", np.where(cut_rendered[..., None] > 0, alone, _faded(observed, style))),
         ("Difference", _kind_colours(kinds[rows, columns], _faded(observed, style))),
     )
-    counts = {kind: int(np.count_nonzero(kinds == kind)) for kind in KIND_COLOURS}
     return _png(_composed(panels, counts, span, score, style))
 
 

@@ -224,8 +224,8 @@ def _apparent(
     """Parts at poses (..., P, 7) as view `number` has them: these poses, or maps (..., P, 12) under nuisances."""
     if nuisances is None:
         return pose
-    camera = np.asarray(observation.views[number].camera.pose_world_camera, dtype=np.float64)
-    return np.ascontiguousarray(apparent(nuisances, number, len(observation.views), camera, pose, axes_at_zero))
+    given = observation.views[number].pose_world_scan
+    return np.ascontiguousarray(apparent(nuisances, number, len(observation.views), given, pose, axes_at_zero))
 
 
 def _checked(pose: Array, shape: tuple[int, ...], numbers: tuple[int, ...] = (7,)) -> Array:

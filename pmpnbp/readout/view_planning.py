@@ -114,7 +114,7 @@ def ranked(
 
 
 def _in_order(problem: Problem, found: list[tuple[RankedView, float]]) -> list[RankedView]:
-    cameras = np.array([view.camera.pose_world_camera for view in problem.observation.views])
+    cameras = np.array([view.pose_world_scan for view in problem.observation.views])
     best = max((one.gain / one.view.cost for one, _ in found), default=0.0)
 
     def key(pair: tuple[RankedView, float]) -> tuple[float, float, float, float]:

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.scene.patches import smooth_patches
@@ -32,10 +33,11 @@ class Scan:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A scan cropped to the region of interest and binned to working size. Equal to itself only, so that what is made
-    of it can be kept by it.
+    """A scan cropped to the region of interest and binned to working size, see `work_image`. Equal to itself only, so
+    that what is made of it can be kept by it.
 
-    camera : of the small image; depth : (h, w) float32, metres, 0 where nothing was measured
+    camera : of the small image, turned about its axis by `turn` radians against the scan's
+    depth : (h, w) float32, metres, 0 where nothing was measured
     category : (h, w) uint8: NO_DEPTH, OBJECT (may be the object), SUPPORT (on a support plane), OUTSIDE (measured,
         but outside the region of interest), CONTINUED (on a smooth surface longer than any part of the object)
     normals : (h, w, 3) float32, in the camera frame, towards the camera; zero where unknown
@@ -45,6 +47,13 @@ class View:
     depth: NDArray[np.float32]
     category: NDArray[np.uint8]
     normals: NDArray[np.float32]
+    turn: float = 0.0
+
+    @cached_property
+    def pose_world_scan(self) -> Array:
+        """(7,) of the scan's own camera."""
+        back = np.concatenate([np.zeros(3), poses.from_rotation_vector(np.array([0.0, 0.0, -self.turn]))])
+        return poses.multiply(np.asarray(self.camera.pose_world_camera, dtype=np.float64), back)
 
     @cached_property
     def patches(self) -> NDArray[np.int16]:

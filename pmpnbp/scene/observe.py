@@ -1,9 +1,8 @@
 """What can the object be matched against? Turns scans into the Observation that the potentials read.
 
-Each scan is cropped to the projection of the region of interest with a margin, because the free space around an object
-is evidence too, and binned to a working size. Each of its pixels is told apart: on a support plane, outside the region,
-or possibly the object. Planes are found in all views together. What the object can be matched against is less still
-once the object is known: a smooth surface longer than it goes on where it ends.
+Each scan is brought to a working size (`work_image`). Each of its pixels is told apart: on a support plane, outside the
+region, or possibly the object. Planes are found in all views together. What the object can be matched against is less
+still once the object is known: a smooth surface longer than it goes on where it ends.
 """
 
 from __future__ import annotations
@@ -22,11 +21,8 @@ from pmpnbp.scene.normals import surface_normals
 from pmpnbp.scene.observation import CONTINUED, NO_DEPTH, OBJECT, OUTSIDE, SUPPORT, Observation, Scan, View
 from pmpnbp.scene.patches import patch_lengths
 from pmpnbp.scene.support_planes import ScenePoints, find_support_planes
+from pmpnbp.scene.work_image import MARGIN, WorkImage, work_image
 
-# Pixels of the work image kept around the region's points.
-MARGIN = 15
-# Two measurements are of one surface where they differ by a smaller share.
-ONE_SURFACE = 0.015
 # Width in pixels of the thinned image that planes are looked for in.
 PLANE_WIDTH = 160
 # A pixel is on a support plane where it is within so many metres of it, plus so many per metre of depth squared.
@@ -47,7 +43,7 @@ def observe(
     """The Observation of one scene in one or several `scans`, which share a world frame.
 
     roi : (6,) x0 y0 z0 x1 y1 z1, metres, world: the box that holds the object; None for everything that was seen
-    width : pixels, the most that the work image has across or down; scans are binned by whole factors, never blown up
+    width : pixels, the most that the region and its margin have across or down in the work image, see `work_image`
     up : (3,) world, away from the ground; where it is not given: the world's z where a scan has a camera pose, else the
         normal of the plane that looks like a floor, else the picture's upward direction
     plane_tolerance, plane_tolerance_growth : metres, and metres per metre of depth squared: a pixel is on a support
@@ -64,17 +60,17 @@ def observe(
     if width < MARGIN * 2 + 10:
         raise ScanError(f"the work image's width is {width}; expected at least {MARGIN * 2 + 10} pixels")
     roi = None if roi is None else _checked_roi(roi)
-    crops = [_crop(scan, roi, width) for scan in scans]
-    if all(crop is None for crop in crops):
+    margin = MARGIN if roi is not None else 0
+    images = [work_image(scan, _in_region(scan, roi), width, margin) for scan in scans]
+    if all(image is None for image in images):
         raise ScanError(_nothing_in(scans, roi))
     scene = _scene_points(scans, roi, plane_tolerance, plane_tolerance_growth)
     planes = find_support_planes(scene, _presumed_up(scans, up), up_is_known=up is not None or _has_pose(scans))
     views, points, normals = [], [], []
-    for crop in crops:
-        if crop is None:  # this scan does not see the region
+    for image in images:
+        if image is None:  # this scan does not see the region
             continue
-        depth, camera = crop
-        view, view_points, view_normals = _view(depth, camera, roi, planes, plane_tolerance, plane_tolerance_growth)
+        view, view_points, view_normals = _view(image, roi, planes, plane_tolerance, plane_tolerance_growth)
         views.append(view)
         points.append(view_points)
         normals.append(view_normals)
@@ -122,51 +118,12 @@ def _within(points: NDArray[np.floating], box: Array) -> NDArray[np.bool_]:
     return inside
 
 
-def _crop(scan: Scan, roi: Array | None, width: int) -> tuple[NDArray[np.float32], Camera] | None:
-    """The binned depth image of the region with its margin, and its camera; None where the scan sees none of it."""
-    wanted = scan.depth > 0
-    if roi is not None:
-        wanted &= _within(_world(scan.camera, scan.camera.back_project(scan.depth)), roi)
-    rows, columns = np.flatnonzero(wanted.any(axis=1)), np.flatnonzero(wanted.any(axis=0))
-    if len(rows) == 0:
-        return None
-    if roi is None:
-        row, column, height, breadth = 0, 0, scan.camera.height, scan.camera.width
-        factor = -(-max(height, breadth) // width)
-    else:
-        height, breadth = int(rows[-1] - rows[0]) + 1, int(columns[-1] - columns[0]) + 1
-        factor = -(-max(height, breadth) // (width - 2 * MARGIN))
-        margin = MARGIN * factor
-        row, column = max(int(rows[0]) - margin, 0), max(int(columns[0]) - margin, 0)
-        height = min(int(rows[-1]) + 1 + margin, scan.camera.height) - row
-        breadth = min(int(columns[-1]) + 1 + margin, scan.camera.width) - column
-    # A strip of fewer rows than a block has: no coarser than the strip.
-    factor = min(factor, height, breadth)
-    w, h = breadth // factor, height // factor
-    part = scan.depth[row : row + h * factor, column : column + w * factor]
-    return binned_depth(part, factor), scan.camera.binned(column, row, factor, w, h)
-
-
-def binned_depth(depth: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
-    """`depth` (h·factor, w·factor), metres, with one value for each block of factor × factor pixels: (h, w).
-
-    The value is the median of the block's measurements where at least half of its pixels have one, else 0. Of two in
-    the middle it is their mean where they are of one surface, else the lower: an average would put points where nothing
-    is, between an object's edge and what is behind it. The lower alone would put noisy and slanted surfaces nearer.
-    """
-    if factor == 1:
-        return depth.astype(np.float32)
-    h, w = depth.shape[0] // factor, depth.shape[1] // factor
-    blocks = depth.reshape(h, factor, w, factor).swapaxes(1, 2).reshape(h, w, factor * factor)
-    count = (blocks > 0).sum(axis=-1)
-    missing = factor * factor - count
-    # Sorted, the missing zeros come first; the middle stands (count - 1) / 2 places after them.
-    ordered = np.sort(blocks, axis=-1)
-    middle = [missing + np.maximum(count - 1, 0) // 2, missing + count // 2]
-    places = np.minimum(np.stack(middle, axis=-1), factor * factor - 1)
-    lower, upper = np.moveaxis(np.take_along_axis(ordered, places, axis=-1), -1, 0)
-    chosen = np.where(upper - lower < ONE_SURFACE * upper, (lower + upper) / 2, lower)
-    return np.where(2 * count >= factor * factor, chosen, np.float32(0.0)).astype(np.float32)
+def _in_region(scan: Scan, roi: Array | None) -> NDArray[np.bool_]:
+    """(height, width): where something is measured in the region."""
+    measured: NDArray[np.bool_] = scan.depth > 0
+    return (
+        measured if roi is None else measured & _within(_world(scan.camera, scan.camera.back_project(scan.depth)), roi)
+    )
 
 
 def _tolerance(depth: NDArray[np.floating], base: float, growth: float) -> NDArray[np.floating]:
@@ -179,7 +136,7 @@ def _scene_points(scans: Sequence[Scan], roi: Array | None, base: float, growth:
     for scan in scans:
         factor = max(min(scan.camera.width // PLANE_WIDTH, scan.camera.height), 1)
         w, h = scan.camera.width // factor, scan.camera.height // factor
-        # The middle pixel of a block: the median of `binned_depth` costs more and a plane averages anyway.
+        # The middle pixel of a block: the median of `work_image` costs more and a plane averages anyway.
         middle = factor // 2
         depth = scan.depth[middle : h * factor : factor, middle : w * factor : factor][:h, :w]
         # Each kept pixel's own ray, not that of its block's centre.
@@ -231,16 +188,15 @@ def pixel_categories(
     return category
 
 
-def _view(
-    depth: NDArray[np.float32], camera: Camera, roi: Array | None, planes: Array, base: float, growth: float
-) -> tuple[View, Array, Array]:
-    """The view of a binned `depth` image, and its object points and normals in world, (P, 3) each."""
+def _view(image: WorkImage, roi: Array | None, planes: Array, base: float, growth: float) -> tuple[View, Array, Array]:
+    """The view of a work image, and its object points and normals in world, (P, 3) each."""
+    depth, camera = image.depth, image.camera
     world = _world(camera, camera.back_project(depth))
     category = pixel_categories(depth, world, roi, planes, base, growth)
     normals = surface_normals(depth, camera)
     for array in (depth, category, normals):
         array.setflags(write=False)
-    view = View(camera, depth, category, normals)
+    view = View(camera, depth, category, normals, image.turn)
     return view, *_oriented_points(view, world)
 
 

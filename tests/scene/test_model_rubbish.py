@@ -68,8 +68,10 @@ def edited(draw: st.DrawFn, original: bytes, pieces: list[bytes]) -> bytes:
     data = original
     for _ in range(draw(st.integers(1, 4))):
         start = draw(st.integers(0, max(len(data) - 1, 0)))
-        length = draw(st.integers(0, 12))
-        data = data[:start] + draw(st.sampled_from(pieces) | st.binary(max_size=8)) + data[start + length :]
+        piece = draw(st.sampled_from(pieces) | st.binary(max_size=8))
+        # as long in half of the cases: where lengths are checked little else would get further
+        length = len(piece) if draw(st.booleans()) else draw(st.integers(0, 12))
+        data = data[:start] + piece + data[start + length :]
     return data[: draw(st.integers(0, len(data)))] if draw(st.booleans()) else data
 
 
@@ -141,7 +143,7 @@ def test_bytes_that_were_never_xml(data: bytes) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_edited_meshes(kind: str) -> None:
-    loaded = refused = 0
+    loaded, refused = 0, [""]
 
     @settings(max_examples=150)
     @given(data=edited(exported(kind), [b"9999999", b"-1", b"nan", b"\xff\xff\xff\x7f", b"\0\0\0\0", b"\n", b" "]))
@@ -152,7 +154,7 @@ def test_edited_meshes(kind: str) -> None:
             loaded += 1
         except ModelError as error:
             assert "\n" not in str(error)
-            refused += 1
+            refused.append(str(error))
 
     check()
-    assert loaded and refused  # both ways were taken
+    assert loaded and len(refused) > 1, refused[-1]  # both ways were taken

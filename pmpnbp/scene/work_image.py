@@ -1,0 +1,126 @@
+"""At which size is a scan looked at? Its region of interest with a margin, because the free space around an object is
+evidence too, in pixels each of which is the median of a block of the scan's.
+
+The pixels are turned against the scan's, by no angle that a whole number of them makes. Edges of furniture are upright
+and level, and so are they in most pictures: along a row of pixels all of an edge's would be on the same side of it, and
+tell its place no better than one of them does. Across turned rows they tell it as often as they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.camera import Camera
+from pmpnbp.scene.observation import Scan
+
+Number = TypeVar("Number", bound=np.generic)
+
+# Pixels of the work image kept around the region's points.
+MARGIN = 15
+# Radians, of which the tangent is the square of the golden section's smaller part: multiples of it are spread as evenly
+# over a pixel as can be.
+TURN = float(np.arctan((3 - np.sqrt(5)) / 2))
+# What is fewer blocks across or down is a strip.
+STRIP = 4
+# Two measurements are of one surface where they differ by a smaller share.
+ONE_SURFACE = 0.015
+
+
+@dataclass(frozen=True)
+class WorkImage:
+    """camera : of the small image; depth : (h, w) float32, metres, 0 where nothing was measured; turn : radians that
+    the camera is turned about its axis against the scan's."""
+
+    camera: Camera
+    depth: NDArray[np.float32]
+    turn: float
+
+
+def work_image(scan: Scan, wanted: NDArray[np.bool_], width: int, margin: int = MARGIN) -> WorkImage | None:
+    """The image of what is `wanted` (height, width) of a scan and of `margin` pixels around it, binned by a whole
+    factor, so that it has at most `width` pixels across or down before it is turned. What is small enough as it is, or
+    a strip, is only cropped. None where nothing is wanted."""
+    rows, columns = np.flatnonzero(wanted.any(axis=1)), np.flatnonzero(wanted.any(axis=0))
+    if len(rows) == 0:
+        return None
+    height, breadth = int(rows[-1] - rows[0]) + 1, int(columns[-1] - columns[0]) + 1
+    factor = -(-max(height, breadth) // (width - 2 * margin))
+    if factor > 1 and min(height, breadth) >= STRIP * factor:
+        return _turned(scan, wanted, factor, margin)
+    first, left = max(int(rows[0]) - margin, 0), max(int(columns[0]) - margin, 0)
+    depth = scan.depth[first : int(rows[-1]) + 1 + margin, left : int(columns[-1]) + 1 + margin].astype(np.float32)
+    return WorkImage(scan.camera.binned(left, first, 1, depth.shape[1], depth.shape[0]), depth, 0.0)
+
+
+def _turned(scan: Scan, wanted: NDArray[np.bool_], factor: int, margin: int) -> WorkImage:
+    camera, focal = scan.camera, float(np.sqrt(scan.camera.fx * scan.camera.fy)) / factor
+    turn = np.array([[np.cos(TURN), np.sin(TURN)], [-np.sin(TURN), np.cos(TURN)]])
+    # where the scan's pixels are in the turned image, whose axis is its pixel (0, 0)
+    x = focal * (np.arange(camera.width) - camera.cx) / camera.fx
+    y = focal * (np.arange(camera.height) - camera.cy) / camera.fy
+    v, u = np.nonzero(wanted)
+    ends = turn @ np.stack([x[u], y[v]])
+    left, top = np.rint(ends.min(axis=1)).astype(int) - margin
+    right, bottom = np.rint(ends.max(axis=1)).astype(int) + margin
+    w, h = int(right - left) + 1, int(bottom - top) + 1
+    # of the scan only what the image holds
+    corners = turn.T @ np.array([[left, right, left, right], [top, top, bottom, bottom]])
+    across, down = (
+        slice(*np.searchsorted(line, [own.min() - 1, own.max() + 1])) for line, own in zip((x, y), corners, strict=True)
+    )
+    column = np.rint(turn[0, 0] * x[across] + turn[0, 1] * y[down, None]).astype(np.int32) - left
+    row = np.rint(turn[1, 0] * x[across] + turn[1, 1] * y[down, None]).astype(np.int32) - top
+    held = (column >= 0) & (column < w) & (row >= 0) & (row < h)
+    depth = block_medians(scan.depth[down, across][held], (row * w + column)[held], w * h, factor * factor)
+    about = np.concatenate([np.zeros(3), poses.from_rotation_vector(np.array([0.0, 0.0, TURN]))])
+    pose = poses.multiply(np.asarray(camera.pose_world_camera, dtype=np.float64), about)
+    return WorkImage(Camera(w, h, focal, focal, float(-left), float(-top), pose), depth.reshape(h, w), TURN)
+
+
+def block_medians(
+    depth: NDArray[np.float32], block: NDArray[np.integer], blocks: int, size: int
+) -> NDArray[np.float32]:
+    """(blocks,) medians, metres, of what was measured of depths (P,) in the block of each pixel (P,), where that is at
+    least half of its pixels, of which there are half of `size` at least; else 0.
+
+    Of two in the middle it is their mean where they are of one surface, else the lower: an average would put points
+    where nothing is, between an object's edge and what is behind it. The lower alone would put noisy and slanted
+    surfaces nearer.
+    """
+    measured = depth > 0
+    # positive floats are ordered as their bits are
+    keys = block[measured].astype(np.uint64) << np.uint64(32) | depth[measured].astype(np.float32).view(np.uint32)
+    keys.sort()
+    ordered = (keys & np.uint64(0xFFFFFFFF)).astype(np.uint32).view(np.float32)
+    if not len(ordered):
+        return np.zeros(blocks, dtype=np.float32)
+    pixels, count = np.bincount(block, minlength=blocks), np.bincount(block[measured], minlength=blocks)
+    first = np.cumsum(count) - count
+    places = [first + np.maximum(count - 1, 0) // 2, first + count // 2]
+    lower, upper = ordered[np.minimum(np.stack(places), len(ordered) - 1)]
+    middle = np.where(upper - lower < ONE_SURFACE * upper, (lower + upper) / 2, lower)
+    enough = (count > 0) & (2 * count >= pixels) & (2 * pixels >= size)
+    return np.where(enough, middle, np.float32(0.0)).astype(np.float32)
+
+
+def turned_back(image: NDArray[Number], turn: float, camera: Camera) -> NDArray[Number]:
+    """An image (h, w, ...) of a camera that is turned about its axis by `turn` radians, as it would look unturned: each
+    pixel's is the nearest one's; zeros where there is none."""
+    h, w = image.shape[:2]
+    if turn == 0:
+        return image
+    back = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    corners = back @ (np.array([[0, w - 1, 0, w - 1], [0, 0, h - 1, h - 1]]) - [[camera.cx], [camera.cy]])
+    low, high = np.floor(corners.min(axis=1)), np.ceil(corners.max(axis=1))
+    x, y = np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1)
+    column = np.rint(back[0, 0] * x + back[1, 0] * y[:, None] + camera.cx).astype(int)
+    row = np.rint(back[0, 1] * x + back[1, 1] * y[:, None] + camera.cy).astype(int)
+    held = (column >= 0) & (column < w) & (row >= 0) & (row < h)
+    found = np.zeros((*held.shape, *image.shape[2:]), dtype=image.dtype)
+    found[held] = image[row[held], column[held]]
+    return found

@@ -23,6 +23,8 @@ from pmpnbp.inference.log_weights import effective_sample_size, log_sum_exp, nor
 FREEDOM = 5.0
 # Of a coordinate of a proposal: what is narrower is one number, and has no inverse.
 LEAST_VARIANCE = 1e-14
+# Added to correlations: those of coordinates of which one is known a million times as well as another are rounded.
+ROUNDING = 1e-9
 # Weights are tempered until this share of all draws counts, before mean and covariance are taken from them.
 EFFECTIVE_SHARE = 0.1
 # A coordinate within so many standard deviations of a limit is folded there; as many coordinates at most, as each
@@ -109,7 +111,10 @@ class Proposal:
 
     @cached_property
     def _spread(self) -> Array:
-        return np.asarray(np.linalg.cholesky(self.covariance[np.ix_(self._own, self._own)]), dtype=np.float64)
+        covariance = self.covariance[np.ix_(self._own, self._own)]
+        stds = np.sqrt(np.diag(covariance))
+        correlation = covariance / np.outer(stds, stds) + ROUNDING * np.eye(len(stds))
+        return stds[:, None] * np.asarray(np.linalg.cholesky(correlation), dtype=np.float64)
 
     @cached_property
     def _whitening(self) -> Array:

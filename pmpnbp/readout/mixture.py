@@ -50,7 +50,7 @@ MISFIT = 0.007
 CLOSE, NATS = 0.2, 7.0
 # After one round the others are those that are worse by HOPELESS nats more: of 605 rivals on even seeds none that came
 # near was then worse.
-POLISH_ROUNDS, HOPELESS = 3, 35.0
+POLISH_ROUNDS, HOPELESS = 3, 80.0
 # Two places are one mode where every part's middle and rim are nearer than this, metres, or than so many of its
 # standard deviations.
 SAME, DEVIATIONS = 0.01, 4.0
@@ -275,7 +275,7 @@ def _log_room(draws: ModeDraws) -> float:
 
 def _centre(problem: Problem, place: _Place) -> Centre:
     """The middle of a place's draws in what is known to within the tolerance, the root's pose all together; in what is
-    not, the place itself."""
+    not, the place itself, and so where that middle is worse than the draws, which then lie about it and not in it."""
     model, middle, draws = problem.mrf.model, problem.mrf.centres[0], place.draws
     offsets = mode_offsets(problem, place.root, place.joints, draws.roots, draws.joints)
     weights = np.exp(draws.log_weights)
@@ -284,11 +284,13 @@ def _centre(problem: Problem, place: _Place) -> Centre:
     known = stds * coordinate_levers(problem) < problem.tolerance_end
     known[:6] = known[:6].all()
     mean = np.where(known, mean, 0.0)
-    return Centre(
-        root=poses.perturb(place.root, mean[:3], mean[3:6], middle),
-        joints=within_limits(place.joints + mean[6:], model.lower, model.upper, model.wraps),
-        nuisances=weights @ draws.nuisances if draws.nuisances is not None and known[0] else problem.nuisances,
-    )
+    root = poses.perturb(place.root, mean[:3], mean[3:6], middle)
+    joints = within_limits(place.joints + mean[6:], model.lower, model.upper, model.wraps)
+    nuisances = weights @ draws.nuisances if draws.nuisances is not None and known[0] else problem.nuisances
+    among = None if nuisances is None else nuisances[None]
+    if log_posterior(problem, root[None], joints[None], among)[0] < draws.typical:
+        return Centre(root=place.root, joints=place.joints, nuisances=problem.nuisances)
+    return Centre(root=root, joints=joints, nuisances=nuisances)
 
 
 def mode_offsets(problem: Problem, root: Array, joints: Array, roots: Array, drawn_joints: Array) -> Array:

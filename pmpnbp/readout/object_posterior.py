@@ -29,10 +29,10 @@ from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 # A pixel's score 1 - (d / tau)^2 counts as a Gaussian's logarithm with a standard deviation of FLOOR, metres, and so
 # many times the depths' own: pixels share their errors with their neighbours (steps of depth, outlines, the mesh), so
 # that each says less than its noise would have it. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
-FLOOR, SHARED = 0.0061, 1.8
+FLOOR, SHARED = 0.0035, 1.8
 # Share of a pixel of the working image that its grain hides: outlines are told by whole pixels, which no number of them
 # averages out, as an edge may run along a row.
-GRAIN = 0.009
+GRAIN = 0.022
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate; rounds at
 # most; and how many draws have to count before no more are made.
 FIRST, LEAST, EACH, ROUNDS, ENOUGH = 64, 128, 16, 24, 60.0
@@ -40,7 +40,7 @@ FIRST, LEAST, EACH, ROUNDS, ENOUGH = 64, 128, 16, 24, 60.0
 CELLS, UNIFORM = 32, 0.1
 # Of so many cells next to each other one is looked at first; where that is worse by more nats, so are all. On even
 # seeds of `benchmarks.belief`, wrong models and absent objects among them, the same joints are then drawn from grids.
-STRIDE, HOPELESS = 4, 100.0
+STRIDE, HOPELESS = 4, 250.0
 # Densities along one axis alone, and of a few places, are taken this much less sharp: the other coordinates are not
 # quite where they are taken to be, and the score is rough.
 HALF_SURE = 0.5
@@ -66,6 +66,7 @@ class ModeDraws:
     nuisances : (K, ...), see `potentials/nuisances.py`; None where all are fixed
     best_root, best_joints : (7,), (D,) of the draw of the highest density; gain : nats by which that is higher than at
         the configuration that was drawn about
+    typical : nats, the mean of the log posterior over the draws
     log_evidence : of the mode: logarithm of the posterior's integral over it, up to what is the same for all modes
     effective_sample_size : how many draws of equal weight would tell as much
     """
@@ -77,6 +78,7 @@ class ModeDraws:
     best_root: Array
     best_joints: Array
     gain: float
+    typical: float
     log_evidence: float
     effective_sample_size: float
 
@@ -109,6 +111,7 @@ def mode_draws(
         best_root=placed[0][best],
         best_joints=within_limits(placed[1][best], model.lower, model.upper, model.wraps),
         gain=float(drawn.log_density[best] - density(np.zeros((1, len(information))))[0]),
+        typical=float(np.exp(drawn.log_weights) @ np.where(np.isfinite(value := drawn.log_density), value, 0.0)),
         log_evidence=drawn.log_integral,
         effective_sample_size=drawn.effective_sample_size,
     )

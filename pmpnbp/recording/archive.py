@@ -233,8 +233,7 @@ class IterationArchive:
             return self._rows.texts(recording, heard - 1, self.iteration)
 
     def problem(self, iteration: int) -> Problem:
-        """What an iteration was, or will be, made with; the same object for all between two changes as long as the
-        newest iteration is one of them."""
+        """What an iteration was, or will be, made with; of the newest iteration's stretch always the same object."""
         number = self._changes_before(iteration)
         with self._lock:
             newest = self._newest

@@ -21,8 +21,11 @@ from pmpnbp.scene.normals import surface_normals
 from pmpnbp.scene.observation import CONTINUED, NO_DEPTH, OBJECT, OUTSIDE, SUPPORT, Observation, Scan, View
 from pmpnbp.scene.patches import patch_lengths
 from pmpnbp.scene.support_planes import ScenePoints, find_support_planes
-from pmpnbp.scene.work_image import MARGIN, WorkImage, work_image
+from pmpnbp.scene.work_image import WorkImage, work_image
 
+# Pixels of the work image kept around the region's points; of a small image not more than one in so many of its width,
+# which has so many at least.
+MARGIN, MARGIN_SHARE, LEAST_WIDTH = 15, 8, 40
 # Width in pixels of the thinned image that planes are looked for in.
 PLANE_WIDTH = 160
 # A pixel is on a support plane where it is within so many metres of it, plus so many per metre of depth squared.
@@ -57,10 +60,10 @@ def observe(
     frames = sorted({scan.frame_id for scan in scans})
     if len(frames) > 1:
         raise ScanError(f"the scans are in different world frames, {', '.join(frames)}; expected one frame for all")
-    if width < MARGIN * 2 + 10:
-        raise ScanError(f"the work image's width is {width}; expected at least {MARGIN * 2 + 10} pixels")
+    if width < LEAST_WIDTH:
+        raise ScanError(f"the work image's width is {width}; expected at least {LEAST_WIDTH} pixels")
     roi = None if roi is None else _checked_roi(roi)
-    margin = MARGIN if roi is not None else 0
+    margin = 0 if roi is None else min(MARGIN, width // MARGIN_SHARE)
     images = [work_image(scan, _in_region(scan, roi), width, margin) for scan in scans]
     if all(image is None for image in images):
         raise ScanError(_nothing_in(scans, roi))

@@ -1,5 +1,5 @@
 """At which size is a scan looked at? Its region of interest with a margin, because the free space around an object is
-evidence too, in pixels each of which is the median of a block of the scan's.
+evidence too, in pixels each of which has the depth that most of a block of the scan's have.
 
 The pixels are turned against the scan's, by no angle that a whole number of them makes. Edges of furniture are upright
 and level, and so are they in most pictures: along a row of pixels all of an edge's would be on the same side of it, and
@@ -20,15 +20,13 @@ from pmpnbp.scene.observation import Scan
 
 Number = TypeVar("Number", bound=np.generic)
 
-# Pixels of the work image kept around the region's points.
-MARGIN = 15
 # Radians, of which the tangent is the square of the golden section's smaller part: multiples of it are spread as evenly
 # over a pixel as can be.
 TURN = float(np.arctan((3 - np.sqrt(5)) / 2))
 # What is fewer blocks across or down is a strip.
 STRIP = 4
-# Two measurements are of one surface where they differ by a smaller share.
-ONE_SURFACE = 0.015
+# Measurements are of one surface where they differ from their median by a smaller share.
+ONE_SURFACE = 0.0075
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class WorkImage:
     turn: float
 
 
-def work_image(scan: Scan, wanted: NDArray[np.bool_], width: int, margin: int = MARGIN) -> WorkImage | None:
+def work_image(scan: Scan, wanted: NDArray[np.bool_], width: int, margin: int) -> WorkImage | None:
     """The image of what is `wanted` (height, width) of a scan and of `margin` pixels around it, binned by a whole
     factor, so that it has at most `width` pixels across or down before it is turned. What is small enough as it is, or
     a strip, is only cropped. None where nothing is wanted."""
@@ -76,36 +74,38 @@ def _turned(scan: Scan, wanted: NDArray[np.bool_], factor: int, margin: int) -> 
     column = np.rint(turn[0, 0] * x[across] + turn[0, 1] * y[down, None]).astype(np.int32) - left
     row = np.rint(turn[1, 0] * x[across] + turn[1, 1] * y[down, None]).astype(np.int32) - top
     held = (column >= 0) & (column < w) & (row >= 0) & (row < h)
-    depth = block_medians(scan.depth[down, across][held], (row * w + column)[held], w * h, factor * factor)
+    depth = block_depths(scan.depth[down, across][held], (row * w + column)[held], w * h, factor * factor)
     about = np.concatenate([np.zeros(3), poses.from_rotation_vector(np.array([0.0, 0.0, TURN]))])
     pose = poses.multiply(np.asarray(camera.pose_world_camera, dtype=np.float64), about)
     return WorkImage(Camera(w, h, focal, focal, float(-left), float(-top), pose), depth.reshape(h, w), TURN)
 
 
-def block_medians(
-    depth: NDArray[np.float32], block: NDArray[np.integer], blocks: int, size: int
-) -> NDArray[np.float32]:
-    """(blocks,) medians, metres, of what was measured of depths (P,) in the block of each pixel (P,), where that is at
-    least half of its pixels, of which there are half of `size` at least; else 0.
+def block_depths(depth: NDArray[np.float32], block: NDArray[np.integer], blocks: int, size: int) -> NDArray[np.float32]:
+    """(blocks,) metres: of depths (P,), the mean of those in a block that are of one surface with their median, where
+    at least half of its pixels were measured, of which there are half of `size` at least; else 0.
 
-    Of two in the middle it is their mean where they are of one surface, else the lower: an average would put points
-    where nothing is, between an object's edge and what is behind it. The lower alone would put noisy and slanted
-    surfaces nearer.
+    block : (P,) that each pixel is in. Of two in the middle the lower is the median: an average of both would put
+    points where nothing is, between an object's edge and what is behind it. The median alone would have steps where the
+    sensor's depths have: noise that is wider than a step tells, in the mean, what lies between.
     """
     measured = depth > 0
+    block, pixels = block[measured], np.bincount(block, minlength=blocks)
+    own = depth[measured].astype(np.float32)
+    if not len(own):
+        return np.zeros(blocks, dtype=np.float32)
     # positive floats are ordered as their bits are
-    keys = block[measured].astype(np.uint64) << np.uint64(32) | depth[measured].astype(np.float32).view(np.uint32)
+    keys = block.astype(np.uint64) << np.uint64(32) | own.view(np.uint32)
     keys.sort()
     ordered = (keys & np.uint64(0xFFFFFFFF)).astype(np.uint32).view(np.float32)
-    if not len(ordered):
-        return np.zeros(blocks, dtype=np.float32)
-    pixels, count = np.bincount(block, minlength=blocks), np.bincount(block[measured], minlength=blocks)
-    first = np.cumsum(count) - count
-    places = [first + np.maximum(count - 1, 0) // 2, first + count // 2]
-    lower, upper = ordered[np.minimum(np.stack(places), len(ordered) - 1)]
-    middle = np.where(upper - lower < ONE_SURFACE * upper, (lower + upper) / 2, lower)
+    count = np.bincount(block, minlength=blocks)
+    middle = ordered[np.minimum(np.cumsum(count) - count + np.maximum(count - 1, 0) // 2, len(ordered) - 1)]
+    gap = own - middle[block]
+    near = np.abs(gap) < ONE_SURFACE * middle[block]
+    beside = np.bincount(block[near], gap[near], minlength=blocks) / np.maximum(
+        np.bincount(block[near], minlength=blocks), 1
+    )
     enough = (count > 0) & (2 * count >= pixels) & (2 * pixels >= size)
-    return np.where(enough, middle, np.float32(0.0)).astype(np.float32)
+    return np.where(enough, middle + beside, 0.0).astype(np.float32)
 
 
 def turned_back(image: NDArray[Number], turn: float, camera: Camera) -> NDArray[Number]:

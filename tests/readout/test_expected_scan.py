@@ -112,7 +112,7 @@ def test_an_object_of_unknown_size_is_told_less_sharply(monkeypatch: pytest.Monk
     score = 2 * confidence(problem) * curvature(problem, ROOT, JOINTS, problem.tolerance_end, free)
     score[range(8, 11), range(8, 11)] += problem.nuisance_std[free] ** -2.0
     ratios = stds / np.sqrt(np.diag(np.linalg.inv(score)))[:8]
-    assert ratios.min() > 0.9 and ratios.max() < 2.5
+    assert ratios.min() > 0.9 and ratios.max() < 4.0
 
 
 def test_a_farther_view_tells_less_where_the_depths_are_noisy() -> None:

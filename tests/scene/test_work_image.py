@@ -1,4 +1,4 @@
-"""A scan at working size: medians of blocks, and pixels that look where the scan's looked."""
+"""A scan at working size: depths of blocks, and pixels that look where the scan's looked."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.scene.observation import Scan, View
-from pmpnbp.scene.work_image import MARGIN, TURN, block_medians, turned_back, work_image
+from pmpnbp.scene.work_image import ONE_SURFACE, TURN, block_depths, turned_back, work_image
 
+MARGIN = 15
 CAMERA = Camera(320, 240, 280.0, 300.0, 155.0, 118.0, poses.from_xyz_rpy([0.4, -0.2, 1.0], [-2.0, 0.1, 0.5]))
 # z = 1.5 + 0.3 x / z - 0.2 y / z, in the camera frame: linear in inverse depth over the image
 PLANE = np.array([0.3, -0.2, -1.0])
@@ -27,35 +28,41 @@ def plane_depth(camera: Camera) -> np.ndarray:
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 30), st.integers(1, 400), st.sampled_from([0.1, 0.5, 0.9]))
-def test_a_block_has_the_median_of_what_was_measured(seed: int, blocks: int, pixels: int, holes: float) -> None:
-    """Of two in the middle their mean where they are near, else the lower; nothing where less than half of the pixels
-    were measured, or half of a whole block's are in the picture."""
+def test_a_block_has_the_mean_of_what_is_about_its_median(seed: int, blocks: int, pixels: int, holes: float) -> None:
+    """The lower of two in the middle; nothing where less than half of the pixels were measured, or half of a whole
+    block's are in the picture."""
     rng = np.random.default_rng(seed)
     depth = rng.uniform(1.0, 1.0 + rng.choice([0.01, 2.0]), pixels).astype(np.float32)
     depth[rng.random(pixels) < holes] = 0.0
     block, size = rng.integers(blocks, size=pixels), int(rng.integers(1, 10))
-    found = block_medians(depth, block, blocks, size)
+    found = block_depths(depth, block, blocks, size)
     for number in range(blocks):
         own = depth[block == number]
         measured = np.sort(own[own > 0])
         if len(measured) == 0 or 2 * len(measured) < len(own) or 2 * len(own) < size:
             assert found[number] == 0.0
             continue
-        lower, upper = measured[(len(measured) - 1) // 2], measured[len(measured) // 2]
-        near = upper - lower < 0.015 * upper
-        assert found[number] == pytest.approx((lower + upper) / 2 if near else lower, rel=1e-6)
+        middle = measured[(len(measured) - 1) // 2]
+        near = measured[np.abs(measured - middle) < ONE_SURFACE * middle].astype(np.float64)
+        assert found[number] == pytest.approx(near.mean(), rel=1e-6)
 
 
-def test_a_noisy_surface_is_where_it_is() -> None:
-    """40,000 blocks of four depths, deviation 1 cm: the mean is within 0.2 mm of the surface, seven standard errors."""
-    depth = 3.0 + 0.01 * np.random.default_rng(5).standard_normal(160_000)
-    assert abs(block_medians(depth.astype(np.float32), np.arange(160_000) // 4, 40_000, 4).mean() - 3.0) < 2e-4
+@pytest.mark.parametrize("step", [0.0, 0.0115])
+def test_a_noisy_surface_is_where_it_is(step: float) -> None:
+    """At 2 m, noise of 6 mm, in any depths or in a sensor's steps, of which the surface is between two: the mean of
+    4,000 blocks of 16 is within 0.3 mm, six standard errors of what its blocks are off by."""
+    rng = np.random.default_rng(5)
+    depth = 2.003 + 0.006 * rng.standard_normal(64_000)
+    depth = np.round(depth / step) * step if step else depth
+    found = block_depths(depth.astype(np.float32), np.arange(64_000) // 16, 4_000, 16)
+    assert abs(found.mean() - 2.003) < 3e-4
+    assert found.std() < 0.003
 
 
 def test_an_edge_is_never_averaged() -> None:
     depth = np.full((240, 320), 1.0, dtype=np.float32)
     depth[:, 171:] = 2.0
-    found = work_image(Scan(CAMERA, depth), depth > 0, 80)
+    found = work_image(Scan(CAMERA, depth), depth > 0, 80, MARGIN)
     assert found is not None and found.turn == TURN
     assert set(np.unique(found.depth).tolist()) == {0.0, 1.0, 2.0}
 
@@ -67,7 +74,7 @@ def test_pixels_are_where_the_scan_s_are(width: int) -> None:
     depth = plane_depth(CAMERA).astype(np.float32)
     wanted = np.zeros(depth.shape, dtype=bool)
     wanted[60:180, 90:240] = True
-    found = work_image(Scan(CAMERA, depth), wanted, width)
+    found = work_image(Scan(CAMERA, depth), wanted, width, MARGIN)
     assert found is not None and found.camera.fx == found.camera.fy
     measured = found.depth > 0
     assert measured.mean() > 0.4
@@ -80,17 +87,17 @@ def test_the_image_is_as_large_as_what_is_wanted_of_the_scan() -> None:
     depth = plane_depth(CAMERA).astype(np.float32)
     wanted = np.zeros(depth.shape, dtype=bool)
     wanted[100:140, 110:210] = True
-    cropped = work_image(Scan(CAMERA, depth), wanted, 160)
+    cropped = work_image(Scan(CAMERA, depth), wanted, 160, MARGIN)
     assert cropped is not None and cropped.turn == 0.0
     assert cropped.depth.shape == (40 + 2 * MARGIN, 100 + 2 * MARGIN)
     np.testing.assert_array_equal(cropped.depth, depth[85:155, 95:225])
     np.testing.assert_allclose(cropped.depth, plane_depth(cropped.camera), rtol=1e-5)
-    binned = work_image(Scan(CAMERA, depth), wanted, 50 + 2 * MARGIN)
+    binned = work_image(Scan(CAMERA, depth), wanted, 50 + 2 * MARGIN, MARGIN)
     assert binned is not None and binned.turn == TURN
     inside = turned_back(binned.depth, binned.turn, binned.camera) > 0
     h, w = inside.shape
     assert inside[h // 2].sum() <= w and abs(h / w - 1) < 0.3
-    assert work_image(Scan(CAMERA, depth), np.zeros(depth.shape, dtype=bool), 160) is None
+    assert work_image(Scan(CAMERA, depth), np.zeros(depth.shape, dtype=bool), 160, MARGIN) is None
 
 
 def test_a_level_edge_is_crossed_by_every_row() -> None:
@@ -102,7 +109,7 @@ def test_a_level_edge_is_crossed_by_every_row() -> None:
 def test_what_is_turned_back_looks_as_the_scan_does() -> None:
     depth = np.full((240, 320), 2.0, dtype=np.float32)
     depth[90:150, 120:200] = 1.0
-    found = work_image(Scan(CAMERA, depth), depth > 0, 80)
+    found = work_image(Scan(CAMERA, depth), depth > 0, 80, MARGIN)
     assert found is not None
     upright = turned_back(found.depth, found.turn, found.camera)
     rows, columns = np.nonzero(upright == 1.0)
@@ -112,7 +119,7 @@ def test_what_is_turned_back_looks_as_the_scan_does() -> None:
 
 def test_a_view_knows_its_scan_s_camera() -> None:
     depth = plane_depth(CAMERA).astype(np.float32)
-    found = work_image(Scan(CAMERA, depth), depth > 0, 80)
+    found = work_image(Scan(CAMERA, depth), depth > 0, 80, MARGIN)
     assert found is not None
     view = View(found.camera, found.depth, np.ones_like(found.depth, dtype=np.uint8), np.zeros((1, 1, 3)), found.turn)
     np.testing.assert_allclose(view.pose_world_scan, CAMERA.pose_world_camera, atol=1e-12)

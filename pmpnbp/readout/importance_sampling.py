@@ -142,7 +142,7 @@ class WeightedDraws:
     """rows : (C, P); log_density : (C,) there; log_weights : (C,), truncated, their exponentials sum to 1
     log_integral : of the density over all coordinates
     effective_sample_size : how many draws of equal weight would tell as much, 0 where none has any: of the weights
-        before they were truncated, for these tell how well the proposals cover the density
+        tempered, but not truncated, for these tell how well the proposals cover the density
     """
 
     rows: Array
@@ -153,10 +153,19 @@ class WeightedDraws:
 
 
 def adaptive_importance(
-    rng: np.random.Generator, log_density: LogDensity, proposal: Proposal, counts: Sequence[int], enough: float
+    rng: np.random.Generator,
+    log_density: LogDensity,
+    proposal: Proposal,
+    counts: Sequence[int],
+    enough: float,
+    least_power: float = 1.0,
 ) -> WeightedDraws:
     """Draws, as many in each round as `counts` says, the first from `proposal`, until `enough` count; the density need
-    not be above zero at all of them. Where it is nowhere, the weights are even and the integral is 0."""
+    not be above zero at all of them. Where it is nowhere, the weights are even and the integral is 0.
+
+    least_power : below 1 for a density with an error of its own at every place: weights are tempered until `enough`
+        count, to this power at the least. As the proposals are fitted to the draws, a Gaussian keeps its width
+    """
     proposals: list[Proposal] = []
     rows, value = np.zeros((0, len(proposal.mean))), np.zeros(0)
     # of all rounds' proposals together, each weighed by how many it drew, at the rows so far
@@ -169,18 +178,24 @@ def adaptive_importance(
         proposed = np.concatenate([proposed, log_sum_exp(np.array(own), axis=0)])
         rows, value = np.concatenate([rows, new]), np.concatenate([value, log_density(new)])
         log_weights = value - proposed + np.log(len(rows))
-        if round_number and _count(log_weights) >= enough:
+        if round_number and _count(_tempered(log_weights, enough, least_power)) >= enough:
             break
         proposal = _refitted(proposal, rows, log_weights)
-    effective = _count(log_weights)
-    log_weights = _truncated(log_weights)
-    integral = float(log_sum_exp(log_weights)) - np.log(len(rows))
-    return WeightedDraws(rows, value, normalise(log_weights), integral, effective)
+    tempered = _tempered(log_weights, enough, least_power)
+    integral = float(log_sum_exp(_truncated(log_weights))) - np.log(len(rows))
+    return WeightedDraws(rows, value, normalise(_truncated(tempered)), integral, _count(tempered))
 
 
 def _count(log_weights: Array) -> float:
     """How many draws of equal weight would tell as much as draws of `log_weights` (C,); 0 where none has any."""
     return float(effective_sample_size(normalise(log_weights))) if np.isfinite(log_weights).any() else 0.0
+
+
+def _tempered(log_weights: Array, enough: float, least_power: float) -> Array:
+    """Weights (C,) to the highest power, `least_power` at the least, by which `enough` of them count."""
+    if least_power == 1.0 or not np.isfinite(log_weights).any():
+        return log_weights
+    return max(float(tempering(log_weights, enough / len(log_weights))), least_power) * log_weights
 
 
 def _truncated(log_weights: Array) -> Array:

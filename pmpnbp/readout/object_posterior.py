@@ -35,14 +35,14 @@ FLOOR, SHARED = 0.0035, 1.8
 GRAIN = 0.022
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate; rounds at
 # most; and how many draws have to count before no more are made.
-FIRST, LEAST, EACH, ROUNDS, ENOUGH = 64, 128, 16, 24, 60.0
+FIRST, LEAST, EACH, ROUNDS, ENOUGH = 64, 128, 16, 24, 120.0
 # Cells over a joint's range, and the least share of a uniform density in draws from them.
 CELLS, UNIFORM = 32, 0.1
 # Of so many cells next to each other one is looked at first; where that is worse by more nats, so are all. On even
 # seeds of `benchmarks.belief`, wrong models and absent objects among them, the same joints are then drawn from grids.
 STRIDE, HOPELESS = 4, 250.0
 # Densities along one axis alone, and of a few places, are taken this much less sharp: the other coordinates are not
-# quite where they are taken to be, and the score is rough.
+# quite where they are taken to be, and the score is rough, by some nats. Where few draws count so are their weights.
 HALF_SURE = 0.5
 # A joint is drawn over its range where so much of its weight lies so many standard deviations from the mode.
 ELSEWHERE, FAR = 0.02, 4.0
@@ -96,7 +96,7 @@ def mode_draws(
     lower, upper = _limits(problem, joints, len(free))
     first = Proposal(np.zeros(len(information)), covariance, lower, upper, grids)
     counts = (FIRST, *[max(LEAST, EACH * len(information))] * (ROUNDS - 1))
-    drawn = adaptive_importance(rng, density, first, counts, ENOUGH)
+    drawn = adaptive_importance(rng, density, first, counts, ENOUGH, HALF_SURE)
     placed, best = _placed(problem, root, joints, drawn.rows[:, : 6 + model.dof]), int(drawn.log_density.argmax())
     stir = _grain(problem, root, joints) * rng.standard_normal((len(drawn.rows), 6 + model.dof))
     roots, q = _placed(problem, root, joints, drawn.rows[:, : 6 + model.dof] + stir)

@@ -44,11 +44,12 @@ def make_whole(path: Path) -> int:
 
 
 def last_whole(recording: Recording) -> int | None:
-    """The newest iteration whose report and state can be read; None where there is none."""
+    """The newest iteration that can be read, with its state and posterior; None where there is none."""
     for number in reversed(recording.iterations()):
         with contextlib.suppress(RecordingError):
             recording.report(number)
             recording.state(number)
+            recording.posterior(number)
             return number
     return None
 

@@ -86,8 +86,10 @@ def test_what_tells_too_little_is_not_drawn() -> None:
     """Nothing that a scan may add to a drawer that is known to all but a hair's breadth is worth its while."""
     newest = scene().snapshots[-1]
     drawer = newest.problem.mrf.model.links.index("drawer1")
-    hair = replace(newest.criteria, max_std=0.97 * float(newest.placed.std_xyz[drawer].max()))
-    newest = replace(newest, criteria=hair)
+    placed = newest.placed
+    assert placed.spread is not None
+    known = max(float(placed.std_xyz[drawer].max()), float(placed.spread.expected_add[drawer]))
+    newest = replace(newest, criteria=replace(newest.criteria, max_std=0.98 * known))
     told = next_views(newest, ["drawer1"])
     assert told and max(one.gain for one in told) < WORTH
     assert uncertain(newest, ["drawer1"], newest.criteria.max_std) == ["drawer1"]

@@ -153,6 +153,29 @@ def test_it_ends_when_enough_draws_count() -> None:
     np.testing.assert_array_equal(few.rows, many.rows[:500])
 
 
+def test_a_density_with_an_error_at_every_place_is_drawn_as_wide_as_without() -> None:
+    """With one of 2.5 nats, less than half as many draws would count; widths are right to a tenth over the sets."""
+
+    def widths(least_power: float) -> tuple[Array, float]:
+        found, counted = [], []
+        for k in range(SETS):
+            rng = np.random.default_rng([4, k])
+
+            def rough(rows: Array, rng: np.random.Generator = rng) -> Array:
+                return np.asarray(-0.5 * (rows**2).sum(axis=1) + 2.5 * rng.standard_normal(len(rows)))
+
+            start = unlimited(1.7 * np.eye(6), np.full(6, 0.3))
+            made = adaptive_importance(rng, rough, start, (100, *[200] * 15), 100.0, least_power)
+            weights = np.exp(made.log_weights)
+            found.append(np.sqrt(weights @ (made.rows - weights @ made.rows) ** 2))
+            counted.append(made.effective_sample_size)
+        return np.mean(found, axis=0), float(np.median(counted))
+
+    tempered, counted = widths(0.5)
+    np.testing.assert_allclose(tempered, 1.0, atol=0.1)
+    assert counted >= 100 > 2 * widths(1.0)[1]
+
+
 def test_a_grid_draws_what_it_says() -> None:
     """Shares of a million draws: standard error 0.05 %, five of them tolerated."""
     grid = Grid(2, -1.0, 3.0, np.array([0.1, 0.2, 0.3, 0.4]))

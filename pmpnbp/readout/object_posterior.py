@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.joint_draws import within_limits
+from pmpnbp.inference.mrf import part_motions
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature
 from pmpnbp.potentials.unary import object_scores
@@ -31,8 +32,10 @@ from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 # that each says less than its noise would have it. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
 FLOOR, SHARED = 0.0035, 1.8
 # Share of a pixel of the working image that its grain hides: outlines are told by whole pixels, which no number of them
-# averages out, as an edge may run along a row.
-GRAIN = 0.022
+# averages out, as an edge may run along a row. Of a joint, whose two parts are each off on their own, it is more.
+GRAIN, JOINT_GRAIN = 0.022, 0.046
+# Metres or radians by which a joint is moved to see how far it moves parts.
+LITTLE = 1e-3
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate; rounds at
 # most; and how many draws have to count before no more are made.
 FIRST, LEAST, EACH, ROUNDS, ENOUGH = 64, 128, 16, 24, 120.0
@@ -135,13 +138,20 @@ def _placed(problem: Problem, root: Array, joints: Array, offsets: Array) -> tup
 
 def _grain(problem: Problem, root: Array, joints: Array) -> Array:
     """(6 + D,) metres and radians: how far each coordinate is unknown by the working images' grain, which each has its
-    own of, turns by as much as moves the object's end so far."""
+    own of. The root turns by as much as moves the object's end so far; a joint moves by as much as what it moves and
+    what that moves against are off, each on its own."""
+    mrf = problem.mrf
     seen = [view for view in problem.observation.views if view.distance > 0]
     footprint = sum((view.camera.fx / view.distance) ** 2 for view in seen) ** -0.5 if seen else 0.0
-    middles = poses.transform_points(problem.mrf.part_poses(root, joints), problem.mrf.centres)
-    reach = float((np.linalg.norm(middles - middles[0], axis=1) + problem.mrf.radii).max())
-    turns = np.concatenate([np.zeros(3, dtype=bool), np.ones(3, dtype=bool), problem.joint_turns])
-    return GRAIN * footprint * np.where(turns, 1 / reach, 1.0)
+    here = mrf.part_poses(root, joints)
+    middles = poses.transform_points(here, mrf.centres)
+    reach = float((np.linalg.norm(middles - middles[0], axis=1) + mrf.radii).max())
+    moved = part_motions(
+        mrf, here, mrf.part_poses(np.tile(root, (len(joints), 1)), joints + LITTLE * np.eye(len(joints)))
+    )
+    # what does not move may do so by rounding
+    levers = np.where(moved > 1e-6 * LITTLE, moved / LITTLE, np.inf).min(axis=1, initial=np.inf)
+    return footprint * np.concatenate([np.full(3, GRAIN), np.full(3, GRAIN / reach), JOINT_GRAIN / levers])
 
 
 def _density(

@@ -151,13 +151,13 @@ def test_what_the_posterior_draws_is_there_at_rest_only(page: Page, served: Serv
     for name in ("covariance ellipsoids", "where else it may be"):
         switch = panel.get_by_role("switch", name=name, exact=True)
         switch.check()
-        wait(page, lambda: differing(empty, shot(page)) > 30)
+        wait(page, lambda: differing(empty, shot(page)) > 10)
         page.get_by_role("slider", name="Iteration").fill("1")
         wait(page, lambda: view(page, served)["drawn"]["iteration"] == 1)
         wait(page, lambda: differing(empty, shot(page)) == 0)
         page.get_by_role("button", name="Live").click()
         wait(page, lambda: view(page, served)["drawn"]["iteration"] == newest)
-        wait(page, lambda: differing(empty, shot(page)) > 30)
+        wait(page, lambda: differing(empty, shot(page)) > 10)
         switch.uncheck()
         wait(page, lambda: differing(empty, shot(page)) == 0)
 

@@ -24,10 +24,15 @@ CAMERA = worlds.camera_at((0.0, 0.0, 0.7), ROOT[:3] + [0, 0, 0.2])
 
 
 def built(
-    *, root: Array = ROOT, joints: Array = JOINTS, nearer: float | None = None, add: Array | None = None
+    *,
+    root: Array = ROOT,
+    joints: Array = JOINTS,
+    nearer: float | None = None,
+    add: Array | None = None,
+    top: float = 0.7,
 ) -> Problem:
     """A cupboard as it is seen; `nearer` : depth in metres of a board before the left three quarters of it; `add` : the
-    pose of another cupboard beside it."""
+    pose of another cupboard beside it; `top` : metres above its own that the region reaches."""
     scan = worlds.scan(MODEL, MODEL.part_poses(root, joints), CAMERA)
     depth = scan.depth.copy()
     if add is not None:
@@ -35,7 +40,7 @@ def built(
     if nearer is not None:
         columns = np.nonzero(depth < 3.9)[1]
         depth[:, : int(np.quantile(columns, 0.75))] = nearer
-    box = np.array([*(ROOT[:3] - [0.6, 0.6, 0.1]), *(ROOT[:3] + [0.6, 0.6, 0.7])])
+    box = np.array([*(ROOT[:3] - [0.6, 0.6, 0.1]), *(ROOT[:3] + [0.6, 0.6, top])])
     observation = observe([replace(scan, depth=depth)], box, up=worlds.UP)
     return problems.build(MODEL, observation, UniformPrior("upright"), worlds.settings(), particles=20)
 
@@ -86,3 +91,29 @@ def test_surfaces_that_go_on_around_a_half_hidden_object_leave_doubt() -> None:
 def test_a_look_alike_apart_from_it_leaves_none() -> None:
     other = np.concatenate([ROOT[:3] + [0.1, -0.75, 0.0], ROOT[3:]])
     assert assess(built(add=other), ROOT, JOINTS).verdict == "good"
+
+
+@pytest.mark.parametrize(
+    ("change", "good", "said"),
+    [
+        ({"outside": 0.29}, True, ""),
+        ({"outside": 0.31}, False, "outside the region of interest"),
+        ({"denied_share": 0.49}, True, ""),
+        ({"denied_share": 0.51}, False, "seen through"),
+        ({"root_denied": True}, False, "seen through"),
+    ],
+)
+def test_what_leaves_the_region_or_is_seen_through_is_doubted(change: dict[str, float], good: bool, said: str) -> None:
+    seen = confirmation(built(), ROOT, JOINTS)
+    if "outside" in change:
+        change = {"outside": int(change["outside"] * seen.covered)}
+    else:
+        change = {**change, "denied": ("left door",)}
+    fit = judged(replace(seen, **change))
+    assert (fit.verdict == "good") == good and said in fit.reason, fit
+
+
+def test_an_object_that_reaches_out_of_the_region_is_counted_there() -> None:
+    assert confirmation(built(), ROOT, JOINTS).outside == 0
+    seen = confirmation(built(top=0.2), ROOT, JOINTS)
+    assert 0.2 * seen.covered < seen.outside < 0.9 * seen.covered

@@ -155,7 +155,7 @@ def test_a_spread_is_that_of_the_draws_about_the_estimate(problem: Problem) -> N
     assert told.joint_stds[0] == pytest.approx(np.sqrt(weights @ found.drawn_joints[:, 0] ** 2))
     low, high = told.joint_intervals[:, 0]
     inside = weights[(found.drawn_joints[:, 0] >= low) & (found.drawn_joints[:, 0] <= high)].sum()
-    assert 0.88 < inside < 0.95 and low >= 0
+    assert 0.88 < inside < 0.97 and low >= 0
     # half of the weight is turned by half about the middle of the root's surface: that moves it by its half width
     assert 0.05 < told.expected_add[0] < 0.4
     assert told.moved[0].max() < 1e-6 or told.moved[1].max() < 1e-6

@@ -178,10 +178,10 @@ def adaptive_importance(
         proposed = np.concatenate([proposed, log_sum_exp(np.array(own), axis=0)])
         rows, value = np.concatenate([rows, new]), np.concatenate([value, log_density(new)])
         log_weights = value - proposed + np.log(len(rows))
-        if round_number and _count(_tempered(log_weights, enough, least_power)) >= enough:
+        if round_number and _count(least_power * log_weights) >= enough:
             break
         proposal = _refitted(proposal, rows, log_weights)
-    tempered = _tempered(log_weights, enough, least_power)
+    tempered = max(float(tempering(log_weights, enough / len(rows))), least_power) * log_weights
     integral = float(log_sum_exp(_truncated(log_weights))) - np.log(len(rows))
     return WeightedDraws(rows, value, normalise(_truncated(tempered)), integral, _count(tempered))
 
@@ -189,13 +189,6 @@ def adaptive_importance(
 def _count(log_weights: Array) -> float:
     """How many draws of equal weight would tell as much as draws of `log_weights` (C,); 0 where none has any."""
     return float(effective_sample_size(normalise(log_weights))) if np.isfinite(log_weights).any() else 0.0
-
-
-def _tempered(log_weights: Array, enough: float, least_power: float) -> Array:
-    """Weights (C,) to the highest power, `least_power` at the least, by which `enough` of them count."""
-    if least_power == 1.0 or not np.isfinite(log_weights).any():
-        return log_weights
-    return max(float(tempering(log_weights, enough / len(log_weights))), least_power) * log_weights
 
 
 def _truncated(log_weights: Array) -> Array:

@@ -101,6 +101,7 @@ def mode_draws(
     counts = (FIRST, *[max(LEAST, EACH * len(information))] * (ROUNDS - 1))
     drawn = adaptive_importance(rng, density, first, counts, ENOUGH, HALF_SURE)
     placed, best = _placed(problem, root, joints, drawn.rows[:, : 6 + model.dof]), int(drawn.log_density.argmax())
+    held = np.isfinite(drawn.log_density)
     stir = _grain(problem, root, joints) * rng.standard_normal((len(drawn.rows), 6 + model.dof))
     roots, q = _placed(problem, root, joints, drawn.rows[:, : 6 + model.dof] + stir)
     q = within_limits(q, model.lower, model.upper, model.wraps)
@@ -114,7 +115,7 @@ def mode_draws(
         best_root=placed[0][best],
         best_joints=within_limits(placed[1][best], model.lower, model.upper, model.wraps),
         gain=float(drawn.log_density[best] - density(np.zeros((1, len(information))))[0]),
-        typical=float(np.exp(drawn.log_weights) @ np.where(np.isfinite(value := drawn.log_density), value, 0.0)),
+        typical=float(np.exp(drawn.log_weights[held]) @ drawn.log_density[held]),
         log_evidence=drawn.log_integral,
         effective_sample_size=drawn.effective_sample_size,
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
@@ -46,7 +45,6 @@ def test_of_one_thing_little_is_left_and_of_two_the_other() -> None:
     )
 
 
-@pytest.mark.parametrize("away", [5.0])
-def test_where_nothing_is_explained_everything_is_left(away: float) -> None:
-    nowhere = np.concatenate([ROOT[:3] + [0, 0, away], ROOT[3:]])
+def test_where_nothing_is_explained_everything_is_left() -> None:
+    nowhere = np.concatenate([ROOT[:3] + [0, 0, 5.0], ROOT[3:]])
     assert unexplained(built(ROOT), nowhere, JOINTS).left > 1

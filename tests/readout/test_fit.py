@@ -94,22 +94,22 @@ def test_a_look_alike_apart_from_it_leaves_none() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "good", "said"),
+    ("outside", "denied_share", "root_denied", "good", "said"),
     [
-        ({"outside": 0.29}, True, ""),
-        ({"outside": 0.31}, False, "outside the region of interest"),
-        ({"denied_share": 0.49}, True, ""),
-        ({"denied_share": 0.51}, False, "seen through"),
-        ({"root_denied": True}, False, "seen through"),
+        (0.29, 0.0, False, True, ""),
+        (0.31, 0.0, False, False, "outside the region of interest"),
+        (0.0, 0.49, False, True, ""),
+        (0.0, 0.51, False, False, "seen through"),
+        (0.0, 0.0, True, False, "seen through"),
     ],
 )
-def test_what_leaves_the_region_or_is_seen_through_is_doubted(change: dict[str, float], good: bool, said: str) -> None:
+def test_what_leaves_the_region_or_is_seen_through_is_doubted(
+    outside: float, denied_share: float, root_denied: bool, good: bool, said: str
+) -> None:
     seen = confirmation(built(), ROOT, JOINTS)
-    if "outside" in change:
-        change = {"outside": int(change["outside"] * seen.covered)}
-    else:
-        change = {**change, "denied": ("left door",)}
-    fit = judged(replace(seen, **change))
+    denied = ("left door",) if denied_share or root_denied else ()
+    seen = replace(seen, outside=int(outside * seen.covered), denied=denied)
+    fit = judged(replace(seen, denied_share=denied_share, root_denied=root_denied))
     assert (fit.verdict == "good") == good and said in fit.reason, fit
 
 

@@ -26,6 +26,7 @@ class Outcomes:
 
     seeds : (R,); parts : the names of the N parts; shares : (N,) how much of each is seen; judged : (N,) whether that
     is enough to count; add, std : (R, N) metres; seconds : (R,); at_rest : (R,) the iteration, or None
+    told : (R, N) whether a result calls a part certain, where it has a posterior to say so by
     """
 
     seeds: tuple[int, ...]
@@ -36,15 +37,16 @@ class Outcomes:
     std: Array
     seconds: Array
     at_rest: tuple[int | None, ...]
+    told: NDArray[np.bool_] | None = None
 
     def found(self, limit: float) -> int:
         """In how many runs every judged part is within `limit` metres."""
         return int(np.sum(np.all(self.add[:, self.judged] < limit, axis=1)))
 
     def certain(self, max_std: float) -> NDArray[np.bool_]:
-        """(R, N): whether no link of a part is spread by more than `max_std` metres along any axis."""
-        found: NDArray[np.bool_] = self.std <= max_std
-        return found
+        """(R, N): what is told, or else whether no link of a part is spread by more than `max_std` metres along any
+        axis."""
+        return np.asarray(self.std <= max_std) if self.told is None else self.told
 
 
 def rates(errors: Array) -> list[str]:
@@ -80,10 +82,11 @@ def of_runs(asked: Sequence[Asked], run_log: RunLog) -> Outcomes:
 
 
 def given_the_scan(asked: Sequence[Asked], run_log: RunLog) -> Outcomes:
-    """The same of runs that were asked for it, with the deviations of draws from the posterior in place of those of the
-    belief's particles."""
-    drawn = [result["posterior"]["std"] for result in run_log.results(asked)]
-    return replace(of_runs(asked, run_log), std=np.array(drawn))
+    """The same of runs that were asked for it, as a result tells it by draws from the posterior: where the parts are
+    told to be, with the deviations of the draws in place of those of the belief's particles."""
+    told = [result["posterior"] for result in run_log.results(asked)]
+    add, std, certain = (np.array([one[name] for one in told]) for name in ("add", "std", "certain"))
+    return replace(of_runs(asked, run_log), add=add, std=std, told=certain)
 
 
 def time_section(found: Mapping[str, Outcomes]) -> str:

@@ -138,7 +138,7 @@ def draw(
         scan = scene_scan((stage.scene, *stage.views)[-1])
         last = first[name]["kept"][LAST]
         spread = first[name]["posterior"] if WAYS[key].posterior else last
-        poses, covariances = np.array(last["poses"]), np.array(spread["covariances"])
+        poses, covariances = np.array(spread["poses"]), np.array(spread["covariances"])
         figures.beside(axes[row, 0], drawing.observed(scan), stage.title)
         figures.draw_ellipsoids(axes[row, 0], scan, poses, covariances, SHARE)
         case = case_of(_asked(options, key, stage)[0])
@@ -180,9 +180,12 @@ def draw_deviations(axes: Axes, some: Outcomes, shown: tuple[float, float]) -> N
 
 def part_table(found: Mapping[str, Mapping[str, Outcomes]]) -> Table:
     """Deviation and error of every part in every run."""
-    whole = outcomes.part_table({f"{key}/{name}": some for key, by in found.items() for name, some in by.items()})
+    by_stage = {f"{key}/{name}": some for key, by in found.items() for name, some in by.items()}
+    whole = outcomes.part_table(by_stage)
+    certain = np.concatenate([some.certain(MAX_STD).ravel() for some in by_stage.values()])
     rows = [
-        [*str(row[0]).split("/"), *row[1:], "yes" if float(str(row[-1])) <= MAX_STD else "no"] for row in whole.rows
+        [*str(row[0]).split("/"), *row[1:], "yes" if sure else "no"]
+        for row, sure in zip(whole.rows, certain, strict=True)
     ]
     return Table("parts", ["method", "stage", *whole.header[1:], "certain"], rows)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.reproduce.run_log import Asked, Result
 from benchmarks.trials import PROJECT, Case, load_case, load_roi, rough_prior, timed, warm_kernels
@@ -21,7 +22,7 @@ from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.scene.urdf import load_model
-from pmpnbp.settings import Settings, changed, preset
+from pmpnbp.settings import SessionOptions, Settings, changed, preset
 
 SAMPLE_DATA = PROJECT / "sample_data"
 # Particles of a part that are kept of an iteration to be drawn.
@@ -84,7 +85,8 @@ def perform(asked: Asked) -> Result:
     at_rest : the iteration in which it converged, or None
     kept : by iteration, `particles`, (N, T, 3) positions, `poses`, (N, 7), of the estimate, and `covariances`,
         (N, 3, 3) square metres, of the positions of the parts about it
-    posterior : where asked for, `std`, (N,) metres, and `covariances` likewise, of draws given the scan
+    posterior : where asked for, what a result tells by draws given the scan: `add` and `std`, (N,) metres, `poses` and
+        `covariances` likewise, and `certain`, (N,) whether all of a part's links are
     """
     variant = VARIANTS[asked["variant"]]
     case = case_of(asked)
@@ -116,8 +118,11 @@ def perform(asked: Asked) -> Result:
         told = place(made.problem, report, of_estimate(made.problem, report))
         if told.spread is not None and told.std_xyz is not None:
             more["posterior"] = {
+                "add": np.round(case.errors(told.part_poses), 6).tolist(),
                 "std": np.round(_std(case, told.std_xyz), 6).tolist(),
+                "poses": np.round(told.part_poses, 6).tolist(),
                 "covariances": _positions(case, told.spread.covariances).tolist(),
+                "certain": _of_parts(case, told.certain(SessionOptions.max_std)).tolist(),
             }
     return more | {
         "parts": [part.name for part in case.model.parts],
@@ -188,6 +193,11 @@ def _std(case: Case, std_xyz: Array) -> Array:
     """(N,) of each part, by that of its links which is spread most. std_xyz : (L, 3)"""
     links, largest = case.model.links, std_xyz.max(axis=1)
     return np.array([max(largest[links.index(link)] for link in part.links) for part in case.model.parts])
+
+
+def _of_parts(case: Case, links: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(N,): whether it holds of all of a part's links, of which it does or does not (L,)."""
+    return np.array([all(links[case.model.links.index(link)] for link in part.links) for part in case.model.parts])
 
 
 def _positions(case: Case, covariances: Array) -> Array:

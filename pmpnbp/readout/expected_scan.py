@@ -23,7 +23,8 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import render, renders
-from pmpnbp.readout.object_posterior import GRAIN, confidence
+from pmpnbp.readout.image_grain import hidden_by_grain, outline_pixels, sharpness
+from pmpnbp.readout.object_posterior import confidence
 from pmpnbp.scene.observation import SUPPORT
 from pmpnbp.scene.sizes import resized
 
@@ -46,14 +47,14 @@ class ExpectedScan:
     problem : its noise and nuisances are those of the scan alone, whose one view they are of
     camera : that it is rendered with; share : of the working images' pixels one of the camera's is so many
     hidden : (h w,) metres from which on nothing is seen: 0 everywhere for a camera behind a support plane
-    grain : metres at the object that the grain of its working image hides, see `object_posterior.GRAIN`
+    footprint : metres at the object that a pixel of its working image is wide
     """
 
     problem: Problem
     camera: Camera
     hidden: NDArray[np.float32]
     share: float
-    grain: float
+    footprint: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +103,7 @@ def expected_scan(problem: Problem, camera: Camera, target: Array, blocking: Arr
         camera=camera,
         hidden=hidden,
         share=(first.camera.fx / camera.fx) ** 2,
-        grain=GRAIN * distance / first.camera.fx,
+        footprint=distance / first.camera.fx,
     )
 
 
@@ -145,6 +146,20 @@ def information(scan: ExpectedScan, probed: Probed) -> Array:
     others = others + np.diag(problem.nuisance_std[free] ** -2.0)
     left: Array = own - shared @ np.linalg.solve(others, np.swapaxes(shared, 1, 2))
     return left
+
+
+def hidden(scan: ExpectedScan, probed: Probed) -> Array:
+    """(T, P, P): of the T configurations the covariance by which the scan's image would hide the coordinates by its
+    grain, whatever its pixels tell."""
+    seen, far = _seen(scan, probed.parts[:, 0], np.zeros(len(scan.problem.nuisance_std))), scan.hidden
+    count = []
+    for parts in seen:
+        depth, number = render(scan.camera, scan.problem.surfaces, parts)
+        shown = (depth > 0) & (depth <= far.reshape(depth.shape))
+        count.append(outline_pixels(depth, number, shown, scan.problem.tolerance_end, len(parts)))
+    # an outline has as many of the working image's pixels as it is long
+    sharp = np.array(count) * np.sqrt(scan.share) * sharpness(scan.footprint)
+    return hidden_by_grain(scan.problem.mrf, probed.parts, probed.steps, sharp)
 
 
 def _sized(scan: ExpectedScan, probed: Probed, offsets: Array) -> Array:

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.joint_draws import within_limits
-from pmpnbp.inference.mrf import part_motions
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature
 from pmpnbp.potentials.unary import object_scores
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.free_turn import free_turn, turned_anyhow
+from pmpnbp.readout.image_grain import grain
 from pmpnbp.readout.importance_sampling import Grid, LogDensity, Proposal, adaptive_importance
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 
@@ -31,11 +31,6 @@ from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 # many times the depths' own: pixels share their errors with their neighbours (steps of depth, outlines, the mesh), so
 # that each says less than its noise would have it. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
 FLOOR, SHARED = 0.0035, 1.8
-# Share of a pixel of the working image that its grain hides: outlines are told by whole pixels, which no number of them
-# averages out, as an edge may run along a row. Of a joint, whose two parts are each off on their own, it is more.
-GRAIN, JOINT_GRAIN = 0.022, 0.046
-# Metres or radians by which a joint is moved to see how far it moves parts.
-LITTLE = 1e-3
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate; rounds at
 # most; and how many draws have to count before no more are made.
 FIRST, LEAST, EACH, ROUNDS, ENOUGH = 64, 128, 16, 24, 120.0
@@ -102,7 +97,9 @@ def mode_draws(
     drawn = adaptive_importance(rng, density, first, counts, ENOUGH, HALF_SURE)
     placed, best = _placed(problem, root, joints, drawn.rows[:, : 6 + model.dof]), int(drawn.log_density.argmax())
     held = np.isfinite(drawn.log_density)
-    stir = _grain(problem, root, joints) * rng.standard_normal((len(drawn.rows), 6 + model.dof))
+    values, axes = np.linalg.eigh(grain(problem, root, joints))
+    # the symmetric root: axes of equal variance are any
+    stir = rng.standard_normal((len(drawn.rows), len(values))) @ (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
     roots, q = _placed(problem, root, joints, drawn.rows[:, : 6 + model.dof] + stir)
     q = within_limits(q, model.lower, model.upper, model.wraps)
     if isinstance(problem.prior, UniformPrior) and (spin := free_turn(model)):
@@ -135,24 +132,6 @@ def _placed(problem: Problem, root: Array, joints: Array, offsets: Array) -> tup
     """Root poses (C, 7) and joint vectors (C, D), which may be beyond their limits, at offsets (C, 6 + D + F)."""
     roots = poses.perturb(root, offsets[:, :3], offsets[:, 3:6], problem.mrf.centres[0])
     return roots, joints + offsets[:, 6 : 6 + len(joints)]
-
-
-def _grain(problem: Problem, root: Array, joints: Array) -> Array:
-    """(6 + D,) metres and radians: how far each coordinate is unknown by the working images' grain, which each has its
-    own of. The root turns by as much as moves the object's end so far; a joint moves by as much as what it moves and
-    what that moves against are off, each on its own."""
-    mrf = problem.mrf
-    seen = [view for view in problem.observation.views if view.distance > 0]
-    footprint = sum((view.camera.fx / view.distance) ** 2 for view in seen) ** -0.5 if seen else 0.0
-    here = mrf.part_poses(root, joints)
-    middles = poses.transform_points(here, mrf.centres)
-    reach = float((np.linalg.norm(middles - middles[0], axis=1) + mrf.radii).max())
-    moved = part_motions(
-        mrf, here, mrf.part_poses(np.tile(root, (len(joints), 1)), joints + LITTLE * np.eye(len(joints)))
-    )
-    # what does not move may do so by rounding
-    levers = np.where(moved > 1e-6 * LITTLE, moved / LITTLE, np.inf).min(axis=1, initial=np.inf)
-    return footprint * np.concatenate([np.full(3, GRAIN), np.full(3, GRAIN / reach), JOINT_GRAIN / levers])
 
 
 def _density(

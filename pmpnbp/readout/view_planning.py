@@ -22,7 +22,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.log_weights import normalise
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import moved
-from pmpnbp.readout.expected_scan import PROBE, Probed, blocking_points, expected_scan, information, told_apart
+from pmpnbp.readout.expected_scan import PROBE, Probed, blocking_points, expected_scan, hidden, information, told_apart
 from pmpnbp.readout.mixture import coordinate_levers, mode_offsets
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.scene.articulated_object import parts_of_links
@@ -101,11 +101,11 @@ def ranked(
         linear = np.einsum("tpac,tpq,tqad->tacd", slopes, neighbourhoods, slopes, optimize=True)
         return _mixed(np.exp(normalise(-told)), places) + np.repeat(linear, EVERY, axis=0)
 
-    before, levers = left(np.zeros((DRAWS, DRAWS)), around_some), coordinate_levers(problem)
+    before = left(np.zeros((DRAWS, DRAWS)), around_some)
     found = []
     for view in views:
         scan = expected_scan(problem, _camera(view.pose), middle, blocking)
-        told = blunted(information(scan, probed), scan.grain / levers)
+        told = blunted(information(scan, probed), hidden(scan, probed))
         after = left(told_apart(scan, parts), np.linalg.inv(np.linalg.inv(around_some) + told))
         variances = np.minimum(_diagonal(after), _diagonal(before))[:, : len(links)]
         gain, beyond = (_fall(before, after, least) for least in (max_std, LEAST))
@@ -136,10 +136,10 @@ def _places(problem: Problem, roots: Array, joints: Array, links: Sequence[int])
     return np.concatenate([model.link_poses(parts, joints)[:, list(links), :3], middles], axis=1)
 
 
-def blunted(information: Array, stds: Array) -> Array:
-    """Information (..., P, P) of a scan whose image hides coordinates by standard deviations (P,) besides."""
-    left: Array = information - information @ np.linalg.solve(np.diag(stds**-2.0) + information, information)
-    return left
+def blunted(information: Array, covariance: Array) -> Array:
+    """Information (..., P, P) of a scan whose image hides the coordinates by a covariance (..., P, P) besides."""
+    left = np.linalg.solve(np.eye(information.shape[-1]) + information @ covariance, information)
+    return np.asarray(left, dtype=np.float64)
 
 
 def _mixed(weights: Array, places: Array) -> Array:

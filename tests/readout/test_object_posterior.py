@@ -15,7 +15,8 @@ from pmpnbp.inference import problem as problems
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores
 from pmpnbp.readout import object_posterior
-from pmpnbp.readout.object_posterior import CELLS, JOINT_GRAIN, STRIDE, ModeDraws, confidence, mode_draws
+from pmpnbp.readout.image_grain import grain
+from pmpnbp.readout.object_posterior import CELLS, STRIDE, ModeDraws, confidence, mode_draws
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from tests.inference import small_worlds as worlds
@@ -62,8 +63,7 @@ def test_a_joint_s_posterior_is_that_on_a_grid(name: str) -> None:
     std = np.sqrt(weights @ (slide - mean) ** 2)
     assert (std < 0.002) if name == "seen" else (std > 0.05)
     # and what the image's grain hides besides
-    (view,) = made.observation.views
-    std = np.hypot(std, JOINT_GRAIN * view.distance / view.camera.fx)
+    std = np.hypot(std, np.sqrt(grain(fixed, ROOT, JOINTS)[6 + SLIDE, 6 + SLIDE]))
 
     found = np.array([moments(mode_draws(np.random.default_rng([4, k]), fixed, ROOT, JOINTS)) for k in range(20)])
     for measured, expected in zip(found.T, (mean, std), strict=True):

@@ -1,0 +1,86 @@
+"""How far does an image's grain hide where an object is? Outlines are told by whole pixels, and each is off by some of
+one; a part is known as well as its outline's pixels say together.
+
+Parts are off each on their own. Of a chain's links each is where it is seen, to a millimetre, whatever the joints
+before it are; so neighbouring joints are off in opposite senses, and its end is known as well as its beginning.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.mrf import Mrf
+from pmpnbp.inference.problem import Problem
+from pmpnbp.potentials.unary import renders
+
+# Pixels by which one of an outline is off: the standard deviation of a place within a pixel is 0.29, and the sensor
+# mixes depths at edges. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
+EDGE = 0.37
+# Beside an outline is what lies behind it by more than so many tolerances: up to that, what is seen there may confirm
+# either.
+JUMP = 2.0
+# Metres or radians by which a coordinate is moved to see how far it moves parts.
+LITTLE = 1e-4
+# Metres: what outlines leave more open than this they do not tell at all, and the depths alone say where it is.
+UNTOLD = 0.02
+
+
+def grain(problem: Problem, root: Array, joints: Array) -> Array:
+    """(6 + D, 6 + D) covariance of a configuration's coordinates, by which it is hidden: root (7,), the translation and
+    rotation vector about its centre, metres and radians, and joints (D,). Zero in what no outline tells."""
+    mrf = problem.mrf
+    sharp = np.zeros(mrf.nodes)
+    for view, _, depth, number in renders(
+        problem.observation, problem.surfaces, mrf.part_poses(root, joints), problem.nuisances
+    ):
+        near = (depth > 0) & (view.depth > 0) & (np.abs(view.depth - depth) < problem.tolerance_end)
+        count = outline_pixels(depth, number, near, problem.tolerance_end, mrf.nodes)
+        sharp += count * sharpness(view.distance / view.camera.fx) if view.distance > 0 else 0.0
+    size = 6 + len(joints)
+    moves = LITTLE * np.concatenate([np.zeros((1, size)), np.eye(size)])
+    # a joint at its limit is moved beyond it: this is geometry alone
+    parts = mrf.part_poses(poses.perturb(root, moves[:, :3], moves[:, 3:6], mrf.centres[0]), joints + moves[:, 6:])
+    return hidden_by_grain(mrf, parts[None], np.full((1, size), LITTLE), sharp[None])[0]
+
+
+def sharpness(footprint: float) -> float:
+    """1 / metres squared that a pixel of an outline tells, `footprint` metres wide at the object."""
+    return 1.0 / (EDGE * footprint) ** 2
+
+
+def outline_pixels(
+    depth: NDArray[np.float32], number: NDArray[np.int16], shown: NDArray[np.bool_], tolerance: float, nodes: int
+) -> Array:
+    """(N,) of each part, the pixels of its outline that are `shown` (h, w), in a render's depth and part number (h, w):
+    beside which nothing is, or something farther off. tolerance : metres"""
+    beyond = np.where(depth > 0, depth, np.inf)
+    beside = ndimage.maximum_filter(beyond, size=3, mode="nearest")
+    return np.bincount(number[shown & (beside > beyond + JUMP * tolerance)], minlength=nodes).astype(np.float64)
+
+
+def hidden_by_grain(mrf: Mrf, parts: Array, steps: Array, sharp: Array) -> Array:
+    """(T, P, P) covariances of P coordinates: of the fit, by least squares, of the object to parts that are each off on
+    their own, as much by their turns as in their middles.
+
+    parts : (T, 1 + P, N, 7), as they are and with each coordinate moved by its step (T, P)
+    sharp : (T, N), what outlines tell of each part, 1 / metres squared
+    """
+    middles = poses.transform_points(parts, mrf.centres)
+    turns = poses.quaternion_multiply(parts[:, 1:, :, 3:], poses.quaternion_conjugate(parts[:, :1, :, 3:]))
+    # of points along a line as far as `radii` to both sides the distance from the middle is this, in the mean square
+    rims = mrf.radii[:, None] / np.sqrt(3) * poses.to_rotation_vector(turns)
+    slopes = np.concatenate([middles[:, 1:] - middles[:, :1], rims], axis=-1) / steps[:, :, None, None]
+    levers = np.sqrt((slopes**2).sum(axis=-1).max(axis=-1))
+    # what moves nothing, or only by rounding
+    levers = np.where(levers > 1e-6, levers, 1.0)
+    slopes = slopes / levers[:, :, None, None]
+    told = np.einsum("tpna,tn,tqna->tpq", slopes, sharp, slopes, optimize=True)
+    values, axes = np.linalg.eigh(told)
+    variances = np.where(values > UNTOLD**-2.0, 1 / np.maximum(values, UNTOLD**-2.0), 0.0)
+    found = np.einsum("tpk,tk,tqk->tpq", axes, variances, axes)
+    scaled: Array = found / (levers[:, :, None] * levers[:, None, :])
+    return scaled

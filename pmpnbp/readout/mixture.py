@@ -275,7 +275,7 @@ def _log_room(draws: ModeDraws) -> float:
 
 def _centre(problem: Problem, place: _Place) -> Centre:
     """The middle of a place's draws in what is known to within the tolerance, the root's pose all together; in what is
-    not, the place itself, and so where that middle is worse than the draws, which then lie about it and not in it."""
+    not, the place itself."""
     model, middle, draws = problem.mrf.model, problem.mrf.centres[0], place.draws
     offsets = mode_offsets(problem, place.root, place.joints, draws.roots, draws.joints)
     weights = np.exp(draws.log_weights)
@@ -287,9 +287,6 @@ def _centre(problem: Problem, place: _Place) -> Centre:
     root = poses.perturb(place.root, mean[:3], mean[3:6], middle)
     joints = within_limits(place.joints + mean[6:], model.lower, model.upper, model.wraps)
     nuisances = weights @ draws.nuisances if draws.nuisances is not None and known[0] else problem.nuisances
-    among = None if nuisances is None else nuisances[None]
-    if log_posterior(problem, root[None], joints[None], among)[0] < draws.typical:
-        return Centre(root=place.root, joints=place.joints, nuisances=problem.nuisances)
     return Centre(root=root, joints=joints, nuisances=nuisances)
 
 

@@ -64,7 +64,6 @@ class ModeDraws:
     nuisances : (K, ...), see `potentials/nuisances.py`; None where all are fixed
     best_root, best_joints : (7,), (D,) of the draw of the highest density; gain : nats by which that is higher than at
         the configuration that was drawn about
-    typical : nats, the mean of the log posterior over the draws
     log_evidence : of the mode: logarithm of the posterior's integral over it, up to what is the same for all modes
     effective_sample_size : how many draws of equal weight would tell as much
     """
@@ -76,7 +75,6 @@ class ModeDraws:
     best_root: Array
     best_joints: Array
     gain: float
-    typical: float
     log_evidence: float
     effective_sample_size: float
 
@@ -96,7 +94,6 @@ def mode_draws(
     counts = (FIRST, *[max(LEAST, EACH * len(information))] * (ROUNDS - 1))
     drawn = adaptive_importance(rng, density, first, counts, ENOUGH, HALF_SURE)
     placed, best = _placed(problem, root, joints, drawn.rows[:, : 6 + model.dof]), int(drawn.log_density.argmax())
-    held = np.isfinite(drawn.log_density)
     values, axes = np.linalg.eigh(grain(problem, root, joints))
     # the symmetric root: axes of equal variance are any
     stir = rng.standard_normal((len(drawn.rows), len(values))) @ (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
@@ -112,7 +109,6 @@ def mode_draws(
         best_root=placed[0][best],
         best_joints=within_limits(placed[1][best], model.lower, model.upper, model.wraps),
         gain=float(drawn.log_density[best] - density(np.zeros((1, len(information))))[0]),
-        typical=float(np.exp(drawn.log_weights[held]) @ drawn.log_density[held]),
         log_evidence=drawn.log_integral,
         effective_sample_size=drawn.effective_sample_size,
     )

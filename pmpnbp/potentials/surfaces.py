@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from threading import Lock
 
 import numpy as np
@@ -51,6 +52,19 @@ class Surfaces:
     def splats(self) -> tuple[NDArray[np.float32], NDArray[np.float32], Array]:
         """Points, areas and centres as the splatting kernel takes them."""
         return self.points, self.areas, self.centres
+
+    def without(self, parts: Sequence[int]) -> Surfaces:
+        """The same, some parts having no surface that could be seen."""
+        gone = np.isin(np.arange(len(self.centres)), parts)
+        counts = np.diff(self.face_offsets)
+        kept = np.repeat(~gone, counts)
+        return replace(
+            self,
+            areas=np.where(gone[:, None], np.float32(0.0), self.areas),
+            faces=np.ascontiguousarray(self.faces[:, kept]),
+            one_sided=self.one_sided[kept],
+            face_offsets=np.concatenate([[0], np.cumsum(np.where(gone, 0, counts))]),
+        )
 
 
 def _content(model: ArticulatedObject, *, directions: int = 256, points: int = 256) -> bytes:

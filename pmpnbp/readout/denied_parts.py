@@ -8,6 +8,7 @@ hangs on it, would be seen through.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,8 +28,8 @@ def drawn_anew(
     rng: np.random.Generator, problem: Problem, root: Array, joints: Array, denied: Sequence[int], drawn: Array
 ) -> Array:
     """Draws of the joint vector (K, D), those joints drawn anew that place the parts numbered `denied`, all others
-    being where an estimate (7,), (D,) has them. A fifth stays as it was, since the model may be a little wrong instead;
-    and a part that not one coordinate alone moves, within limits."""
+    being where an estimate (7,), (D,) has them. A fifth stays where this has it, since the model may be a little wrong
+    instead; and as it was drawn a part that not one coordinate alone moves, within limits."""
     mrf = problem.mrf
     model, drawn = mrf.model, drawn.copy()
     for node in denied:
@@ -42,8 +43,16 @@ def drawn_anew(
         cost = np.array([_seen_through(problem, placed, moving(mrf, node)) for placed in part_poses])
         weights = np.exp(confidence(problem) * (cost.min() - cost)) + np.finfo(float).tiny
         anew = rng.random(len(drawn)) > STAYING
+        drawn[~anew, coordinate] = joints[coordinate]
         drawn[anew, coordinate] = Grid(coordinate, lower, upper, weights / weights.sum()).draw(rng, int(anew.sum()))
     return drawn
+
+
+def without(problem: Problem, denied: Sequence[int]) -> Problem:
+    """The problem in which the parts numbered `denied`, and what hangs on them, are not to be seen: where they were
+    found is something else, which would draw the others after it."""
+    gone = [node for one in denied for node in moving(problem.mrf, one)]
+    return replace(problem, surfaces=problem.surfaces.without(gone))
 
 
 def moving(mrf: Mrf, node: int) -> list[int]:

@@ -27,6 +27,8 @@ LEAST_VARIANCE = 1e-14
 ROUNDING = 1e-9
 # Weights are tempered until this share of all draws counts, before mean and covariance are taken from them.
 EFFECTIVE_SHARE = 0.1
+# Where fewer draws count, or fewer than half of those that there are, weights are tempered further than is allowed.
+FEW = 20.0
 # A coordinate within so many standard deviations of a limit is folded there; as many coordinates at most, as each
 # doubles the images that a draw may come from.
 NEAR_LIMIT, MOST_FOLDED = 4.0, 5
@@ -142,7 +144,7 @@ class WeightedDraws:
     """rows : (C, P); log_density : (C,) there; log_weights : (C,), truncated, their exponentials sum to 1
     log_integral : of the density over all coordinates
     effective_sample_size : how many draws of equal weight would tell as much, 0 where none has any: of the weights
-        tempered, but not truncated, for these tell how well the proposals cover the density
+        tempered as far as was allowed, but not truncated, for these tell how well the proposals cover the density
     """
 
     rows: Array
@@ -159,12 +161,16 @@ def adaptive_importance(
     counts: Sequence[int],
     enough: float,
     least_power: float = 1.0,
+    high: float = np.inf,
 ) -> WeightedDraws:
     """Draws, as many in each round as `counts` says, the first from `proposal`, until `enough` count; the density need
     not be above zero at all of them. Where it is nowhere, the weights are even and the integral is 0.
 
+
     least_power : below 1 for a density with an error of its own at every place: weights are tempered until `enough`
-        count, to this power at the least. As the proposals are fitted to the draws, a Gaussian keeps its width
+        count, to this power at the least. As the proposals are fitted to the draws, a Gaussian keeps its width. Where
+        not even FEW count so the power is lower still: else one draw would be told, which has no width at all
+    high : no more are made once there is one of a higher log density
     """
     proposals: list[Proposal] = []
     rows, value = np.zeros((0, len(proposal.mean))), np.zeros(0)
@@ -178,12 +184,16 @@ def adaptive_importance(
         proposed = np.concatenate([proposed, log_sum_exp(np.array(own), axis=0)])
         rows, value = np.concatenate([rows, new]), np.concatenate([value, log_density(new)])
         log_weights = value - proposed + np.log(len(rows))
-        if round_number and _count(least_power * log_weights) >= enough:
+        if value.max() > high or (round_number and _count(least_power * log_weights) >= enough):
             break
         proposal = _refitted(proposal, rows, log_weights)
-    tempered = max(float(tempering(log_weights, enough / len(rows))), least_power) * log_weights
+    allowed = max(float(tempering(log_weights, enough / len(rows))), least_power)
+    power = (
+        allowed if _count(allowed * log_weights) >= FEW else float(tempering(log_weights, min(FEW / len(rows), 0.5)))
+    )
     integral = float(log_sum_exp(_truncated(log_weights))) - np.log(len(rows))
-    return WeightedDraws(rows, value, normalise(_truncated(tempered)), integral, _count(tempered))
+    weights = normalise(_truncated(power * log_weights))
+    return WeightedDraws(rows, value, weights, integral, _count(allowed * log_weights))
 
 
 def _count(log_weights: Array) -> float:

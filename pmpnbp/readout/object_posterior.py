@@ -33,7 +33,7 @@ from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 FLOOR, SHARED = 0.0035, 1.8
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate; rounds at
 # most; and how many draws have to count before no more are made.
-FIRST, LEAST, EACH, ROUNDS, ENOUGH = 64, 128, 16, 24, 120.0
+FIRST, LEAST, EACH, ROUNDS, ENOUGH = 64, 128, 16, 24, 60.0
 # Cells over a joint's range, and the least share of a uniform density in draws from them.
 CELLS, UNIFORM = 32, 0.1
 # Of so many cells next to each other one is looked at first; where that is worse by more nats, so are all. On even
@@ -80,9 +80,17 @@ class ModeDraws:
 
 
 def mode_draws(
-    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, checkpoint: Checkpoint = go_on
+    rng: np.random.Generator,
+    problem: Problem,
+    root: Array,
+    joints: Array,
+    checkpoint: Checkpoint = go_on,
+    surpassed: float = np.inf,
 ) -> ModeDraws:
-    """Draws about a mode's best configuration (7,), (D,). Raises what `checkpoint` does, called before each round."""
+    """Draws about a mode's best configuration (7,), (D,). Raises what `checkpoint` does, called before each round.
+
+    surpassed : nats; no more are made once one is better by more than that, for then they are about the wrong place
+    """
     model = problem.mrf.model
     free = np.flatnonzero(problem.nuisance_std)
     information = _information(problem, root, joints, problem.tolerance_end, free, LOOSE)
@@ -92,7 +100,8 @@ def mode_draws(
     lower, upper = _limits(problem, joints, len(free))
     first = Proposal(np.zeros(len(information)), covariance, lower, upper, grids)
     counts = (FIRST, *[max(LEAST, EACH * len(information))] * (ROUNDS - 1))
-    drawn = adaptive_importance(rng, density, first, counts, ENOUGH, HALF_SURE)
+    here = float(density(np.zeros((1, len(information))))[0])
+    drawn = adaptive_importance(rng, density, first, counts, ENOUGH, HALF_SURE, here + surpassed)
     placed, best = _placed(problem, root, joints, drawn.rows[:, : 6 + model.dof]), int(drawn.log_density.argmax())
     values, axes = np.linalg.eigh(grain(problem, root, joints))
     # the symmetric root: axes of equal variance are any
@@ -108,7 +117,7 @@ def mode_draws(
         nuisances=_nuisances(problem, free, drawn.rows[:, 6 + model.dof :]),
         best_root=placed[0][best],
         best_joints=within_limits(placed[1][best], model.lower, model.upper, model.wraps),
-        gain=float(drawn.log_density[best] - density(np.zeros((1, len(information))))[0]),
+        gain=float(drawn.log_density[best] - here),
         log_evidence=drawn.log_integral,
         effective_sample_size=drawn.effective_sample_size,
     )

@@ -99,7 +99,7 @@ def test_where_nothing_would_be_seen_through_is_as_likely_everywhere(rng: np.ran
     problem = problems.build(there, observation, UniformPrior("upright"), worlds.settings(), particles=20)
     assert assess(confirmation(problem, back, SHUT)).verdict == "good"
     drawn = drawn_anew(rng, problem, back, SHUT, [1], np.full((4000, 1), 0.3))[:, 0]
-    stays = drawn == 0.3
+    stays = drawn == SHUT[0]
     assert stays.mean() == pytest.approx(STAYING, abs=0.04)
     shares = np.sort(drawn[~stays]) / 0.25
     assert np.abs(shares - (np.arange(len(shares)) + 0.5) / len(shares)).max() < 0.04

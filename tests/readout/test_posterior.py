@@ -15,10 +15,11 @@ from pmpnbp.inference import run
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.nuisance_fit import fitted
 from pmpnbp.inference.problem import Problem
-from pmpnbp.readout import mixture
+from pmpnbp.readout import places
 from pmpnbp.readout.checkpoint import Checkpoint
-from pmpnbp.readout.mixture import POLISH_ROUNDS, at_rest, of_estimate, read_out
+from pmpnbp.readout.mixture import at_rest, of_estimate, read_out
 from pmpnbp.readout.particle_statistics import covariance
+from pmpnbp.readout.places import POLISH_ROUNDS
 from pmpnbp.readout.posterior import FEWEST_DRAWS, Posterior, spread
 from pmpnbp.recording.posteriors import posterior_arrays
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
@@ -126,19 +127,19 @@ def test_sizes_that_are_not_known_are_drawn_with_the_rest() -> None:
 def test_rivals_are_polished_as_long_as_they_may_be_modes(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     """One is among what is drawn about the estimate, and one looks the same from behind, until more is asked of it."""
     polished: list[tuple[int, int]] = []
-    real = mixture.polish
+    real = places.polish
 
     def noted(*arguments: Any) -> tuple[Array, Array, Array]:
         polished.append((len(arguments[2]), arguments[-1]))
         return real(*arguments)
 
-    monkeypatch.setattr(mixture, "polish", noted)
+    monkeypatch.setattr(places, "polish", noted)
     near = poses.multiply(ROOT, at(0.0005))
     of_estimate(problem, report(problem, near))
     assert not polished
     of_estimate(problem, report(problem, near, TURNED))
     assert polished == [(1, 1), (1, POLISH_ROUNDS - 1)]
-    monkeypatch.setattr(mixture, "HOPELESS", -1e6)  # it would have to be better than the estimate
+    monkeypatch.setattr(places, "HOPELESS", -1e6)  # it would have to be better than the estimate
     assert len(of_estimate(problem, report(problem, near, TURNED)).modes) == 1
     assert polished[2:] == [(1, 1)]
 

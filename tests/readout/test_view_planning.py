@@ -14,7 +14,7 @@ from pmpnbp.inference import run
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.fit import Fit
 from pmpnbp.readout.mixture import of_estimate
-from pmpnbp.readout.object_posterior import mode_draws
+from pmpnbp.readout.object_posterior import ModeDraws, mode_draws
 from pmpnbp.readout.posterior import ObjectMode, Posterior
 from pmpnbp.readout.view_planning import PlannedView, around, blunted, looking_at, ranked
 from pmpnbp.scene.observe import observe
@@ -61,22 +61,27 @@ def test_the_view_that_shows_the_hidden_drawer_comes_first(problem: Problem, pos
     assert best.std_xyz.max() < 0.02 < worst.std_xyz.max()
 
 
-@pytest.mark.parametrize("direction", [FRONT + 0.3 * worlds.UP, FRONT + 0.6 * worlds.UP, ABOVE])
+def spread(draws: ModeDraws) -> float:
+    """Metres, the largest standard deviation of the drawer's position along an axis."""
+    places = MODEL.link_poses(MODEL.part_poses(draws.roots, draws.joints), draws.joints)[:, DRAWER, :3]
+    weights = np.exp(draws.log_weights)
+    return float(np.sqrt((weights @ (places - weights @ places) ** 2).max()))
+
+
+@pytest.mark.parametrize("direction, most", [(FRONT + 0.3 * worlds.UP, 2), (FRONT + 0.6 * worlds.UP, 2), (ABOVE, 3)])
 def test_the_deviation_that_is_expected_is_what_the_scan_then_gives(
-    problem: Problem, posterior: Posterior, direction: Array
+    problem: Problem, posterior: Posterior, direction: Array, most: float
 ) -> None:
-    """Also from above, where only outlines tell how far the drawer is open."""
+    """Also from above, where only outlines tell how far the drawer is open, of which the planned views' small images
+    miss some: its walls are thinner than their pixels."""
     planned = view(direction)
     (one,) = ranked(problem, posterior, [DRAWER], [planned])
     parts, first = MODEL.part_poses(ROOT, JOINTS), worlds.camera_at(MIDDLE + 1.3 * BACK, MIDDLE)
     scans = [worlds.scan(MODEL, parts, camera) for camera in (first, replace(first, pose_world_camera=planned.pose))]
     both = observe(scans, problem.observation.roi, up=worlds.UP)
     after = problems.build(MODEL, both, UniformPrior("upright"), worlds.settings(), particles=20)
-    draws = mode_draws(np.random.default_rng(0), after, ROOT, JOINTS)
-    places = MODEL.link_poses(MODEL.part_poses(draws.roots, draws.joints), draws.joints)[:, DRAWER, :3]
-    weights = np.exp(draws.log_weights)
-    got = np.sqrt((weights @ (places - weights @ places) ** 2).max())
-    assert 0.5 < one.std_xyz.max() / got < 2.0
+    got = np.median([spread(mode_draws(np.random.default_rng(k), after, ROOT, JOINTS)) for k in range(9)])
+    assert 0.5 < one.std_xyz.max() / got < most
 
 
 def test_of_views_that_tell_as_much_as_is_asked_the_sharper_one_comes_first(

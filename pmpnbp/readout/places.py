@@ -1,0 +1,156 @@
+"""Where else could the object be? The places that the search compared last, and for a long chain those bent otherwise,
+brought to their best where their score comes near the estimate's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.belief import IterationReport
+from pmpnbp.inference.confirmation import Confirmation, confirmation
+from pmpnbp.inference.crank_moves import crank_moves
+from pmpnbp.inference.mrf import part_motions
+from pmpnbp.inference.problem import LONG_CHAIN, Problem
+from pmpnbp.inference.tree_estimate import polish
+from pmpnbp.readout.fit import assess
+from pmpnbp.readout.object_posterior import ModeDraws, log_posterior
+
+# Share of its score by which a place may be worth more or less than another for no good reason: on even seeds rivals
+# in sight are worse than right estimates by 4 % and more, and those that are taken for each other within 2 %.
+MISFIT = 0.007
+# A rival is polished where its score is worse than the estimate's by a smaller share, and drawn from where it is then
+# worse by fewer nats, counted as they weigh: a broad mode may make up for some.
+CLOSE, NATS = 0.2, 7.0
+# After one round the others are those that are worse by HOPELESS nats more: of 605 rivals on even seeds none that came
+# near was then worse.
+POLISH_ROUNDS, HOPELESS = 3, 80.0
+# Two places are one mode where every part's middle and rim are nearer than this, metres, of a long chain than the
+# second, or than so many of its standard deviations.
+SAME, SAME_BEND, DEVIATIONS = 0.01, 0.003, 4.0
+# The best so many places of a long chain that is bent otherwise somewhere are rivals, too.
+BENT = 48
+# Another thing of the same kind is looked for in the best so many rivals whose middle is farther off than this, in
+# radii of the largest part; it explains other pixels, but for this share.
+OTHERS, APART, SHARED = 2, 0.5, 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """A mode: root (7,) and joints (D,), its best configuration; nats : the log posterior there; seen : what the views
+    say of it; draws : about it; apart : whether it is another thing of the same kind."""
+
+    root: Array
+    joints: Array
+    nats: float
+    seen: Confirmation
+    draws: ModeDraws
+    apart: bool
+
+
+def contenders(
+    rng: np.random.Generator, problem: Problem, report: IterationReport, own: Place, reach: Array
+) -> Iterator[tuple[Array, Array, Confirmation, bool]]:
+    """Root pose (7,) and joint vector (D,) of the rivals at their best, what the views say of each, and whether it is
+    another thing of the same kind: those are told first, then those that come near the estimate's mode, of all that are
+    not within `reach` (N,) of it."""
+    rivals = np.zeros((0, 7 + len(own.joints))) if report.rivals is None else report.rivals
+    roots, joints = rivals[:, :7], rivals[:, 7:]
+    left = np.any(strayed(problem, own.root, own.joints, roots, joints) > reach, axis=1)
+    roots, joints = roots[left], joints[left]
+    score = log_posterior(problem, roots, joints)
+    others = _others(rng, problem, report, own, roots, joints, score)
+    yield from ((*other, True) for other in others)
+    close = score > own.nats - CLOSE * abs(own.nats)
+    roots, joints, nats = roots[close], joints[close], NATS * misfit(own)
+    if problem.mrf.depth >= LONG_CHAIN:
+        bent_roots, bent = crank_moves(problem.mrf, own.root, own.joints)
+        top = np.argsort(-log_posterior(problem, bent_roots, bent), kind="stable")[:BENT]
+        roots, joints = np.concatenate([roots, bent_roots[top]]), np.concatenate([joints, bent[top]])
+    for root, q in _polished(rng, problem, report, own, roots, joints, nats):
+        seen = confirmation(problem, root, q)
+        # what is another thing, or leaves the region that the estimate is in, is no place of this one
+        if _shared(own.seen, seen) >= SHARED and (own.seen.outside_region or not seen.outside_region):
+            yield root, q, seen, False
+
+
+def _polished(
+    rng: np.random.Generator,
+    problem: Problem,
+    report: IterationReport,
+    own: Place,
+    roots: Array,
+    joints: Array,
+    nats: float,
+) -> list[tuple[Array, Array]]:
+    """Rivals (R, 7), (R, D) at their best, best first, of which none is worse than the estimate's mode by more nats."""
+    plan, tolerance = problem.schedule(report.iteration), problem.tolerance_end
+    for rounds, worse in ((1, nats + HOPELESS), (POLISH_ROUNDS - 1, nats)):
+        if not len(roots):
+            return []
+        roots, joints, _ = polish(rng, problem, roots, joints, plan, tolerance, rounds)
+        score = log_posterior(problem, roots, joints)
+        order = np.argsort(-score, kind="stable")[: np.count_nonzero(score > own.nats - worse)]
+        roots, joints = roots[order], joints[order]
+    return list(zip(roots, joints, strict=True))
+
+
+def _others(
+    rng: np.random.Generator,
+    problem: Problem,
+    report: IterationReport,
+    own: Place,
+    roots: Array,
+    joints: Array,
+    score: Array,
+) -> list[tuple[Array, Array, Confirmation]]:
+    """Things of the same kind among rivals (R, 7), (R, D), polished: a good fit each, that explains other pixels."""
+    middles, least = _middles(problem, roots, joints), APART * float(problem.mrf.radii.max())
+    taken, found = [_middles(problem, own.root[None], own.joints[None])[0]], []
+    for row in np.argsort(-score, kind="stable"):
+        if len(taken) > OTHERS or score[row] <= 0:
+            break
+        if min(float(np.linalg.norm(middles[row] - middle)) for middle in taken) < least:
+            continue
+        taken.append(middles[row])
+        plan = problem.schedule(report.iteration)
+        places, q, _ = polish(rng, problem, roots[[row]], joints[[row]], plan, problem.tolerance_end, POLISH_ROUNDS)
+        seen = confirmation(problem, places[0], q[0])
+        if _shared(own.seen, seen) < SHARED and assess(seen).verdict == "good":
+            found.append((places[0], q[0], seen))
+    return found
+
+
+def mode_reach(problem: Problem, place: Place) -> Array:
+    """(N,) metres up to which a part is of the same mode as at a place, by what is drawn about it."""
+    draws = place.draws
+    far = strayed(problem, place.root, place.joints, draws.roots, draws.joints)
+    least = SAME_BEND if problem.mrf.depth >= LONG_CHAIN else SAME
+    return np.maximum(least, DEVIATIONS * np.sqrt(np.exp(draws.log_weights) @ far**2))
+
+
+def misfit(place: Place) -> float:
+    """Nats of evidence that count as one, between places."""
+    return 1.0 + MISFIT * abs(place.nats)
+
+
+def strayed(problem: Problem, root: Array, joints: Array, roots: Array, others: Array) -> Array:
+    """(C, N): metres that each part's middle or rim moves, the most, from (7,), (D,) to (C, 7), (C, D)."""
+    mrf = problem.mrf
+    return part_motions(mrf, mrf.part_poses(root, joints), mrf.part_poses(roots, others))
+
+
+def _shared(one: Confirmation, other: Confirmation) -> float:
+    """Of the pixels that confirm the one or the other place, whichever are fewer, the share that confirm both."""
+    both = sum(np.count_nonzero(a & b) for (_, _, a), (_, _, b) in zip(one.pixels, other.pixels, strict=True))
+    return both / max(min(one.confirmed, other.confirmed), 1)
+
+
+def _middles(problem: Problem, roots: Array, joints: Array) -> Array:
+    """(R, 3) of the parts of configurations (R, 7), (R, D) together."""
+    found: Array = poses.transform_points(problem.mrf.part_poses(roots, joints), problem.mrf.centres).mean(axis=1)
+    return found

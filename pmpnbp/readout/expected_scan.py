@@ -23,7 +23,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import render, renders
-from pmpnbp.readout.image_grain import hidden_by_grain, outline_pixels, sharpness
+from pmpnbp.readout.image_grain import hidden_by_grain, outline_pixels, shape, sharpness
 from pmpnbp.readout.object_posterior import confidence
 from pmpnbp.scene.observation import SUPPORT
 from pmpnbp.scene.sizes import resized
@@ -158,7 +158,7 @@ def hidden(scan: ExpectedScan, probed: Probed) -> Array:
         shown = (depth > 0) & (depth <= far.reshape(depth.shape))
         count.append(outline_pixels(depth, number, shown, scan.problem.tolerance_end, len(parts)))
     # an outline has as many of the working image's pixels as it is long
-    sharp = np.array(count) * np.sqrt(scan.share) * sharpness(scan.footprint)
+    sharp = sharpness(np.array(count) * np.sqrt(scan.share), scan.footprint, shape(scan.problem))
     return hidden_by_grain(scan.problem.mrf, probed.parts, probed.steps, sharp)
 
 

@@ -15,11 +15,17 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
+from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import renders
 
-# Pixels by which one of an outline is off: the standard deviation of a place within a pixel is 0.29, and the sensor
-# mixes depths at edges. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
-EDGE = 0.37
+# Pixels by which one of an outline is off, the standard deviation: of a place within a pixel it is 0.29, and the sensor
+# mixes depths at edges. All of a part's outline is off by WHOLE besides, however long it is, and all of an object's
+# outlines are too far in or out by INWARD, which a free depth scale is taken in by. Set on seeds up to 69 of
+# `benchmarks.belief`, docs/algorithm.md.
+EDGE, WHOLE, INWARD = 0.32, 0.015, 0.07
+# Where sizes are free, a part may be off by so much of what they may be: sizes along three axes are not all that may be
+# wrong of a model.
+SHAPE = 0.2
 # Beside an outline is what lies behind it by more than so many tolerances: up to that, what is seen there may confirm
 # either.
 JUMP = 2.0
@@ -33,23 +39,41 @@ def grain(problem: Problem, root: Array, joints: Array) -> Array:
     """(6 + D, 6 + D) covariance of a configuration's coordinates, by which it is hidden: root (7,), the translation and
     rotation vector about its centre, metres and radians, and joints (D,). Zero in what no outline tells."""
     mrf = problem.mrf
-    sharp = np.zeros(mrf.nodes)
-    for view, _, depth, number in renders(
-        problem.observation, problem.surfaces, mrf.part_poses(root, joints), problem.nuisances
+    here = mrf.part_poses(root, joints)
+    sharp, astray, away = np.zeros(mrf.nodes), shape(problem), np.zeros((3, 3))
+    scale_stds, _, _ = nuisances.split(problem.nuisance_std, len(problem.observation.views))
+    middles = poses.transform_points(here, mrf.centres)
+    reach = float((np.linalg.norm(middles - middles.mean(axis=0), axis=1) + mrf.radii).max())
+    for place, (view, _, depth, number) in enumerate(
+        renders(problem.observation, problem.surfaces, here, problem.nuisances)
     ):
+        if view.distance <= 0:
+            continue
         near = (depth > 0) & (view.depth > 0) & (np.abs(view.depth - depth) < problem.tolerance_end)
-        count = outline_pixels(depth, number, near, problem.tolerance_end, mrf.nodes)
-        sharp += count * sharpness(view.distance / view.camera.fx) if view.distance > 0 else 0.0
+        footprint = view.distance / view.camera.fx
+        sharp += sharpness(outline_pixels(depth, number, near, problem.tolerance_end, mrf.nodes), footprint, astray)
+        # what seems smaller by its outlines seems farther off
+        gap = middles.mean(axis=0) - np.asarray(view.camera.pose_world_camera)[:3]
+        away += np.outer(gap, gap) * min(INWARD * footprint / reach, scale_stds[place]) ** 2
     size = 6 + len(joints)
     moves = LITTLE * np.concatenate([np.zeros((1, size)), np.eye(size)])
     # a joint at its limit is moved beyond it: this is geometry alone
     parts = mrf.part_poses(poses.perturb(root, moves[:, :3], moves[:, 3:6], mrf.centres[0]), joints + moves[:, 6:])
-    return hidden_by_grain(mrf, parts[None], np.full((1, size), LITTLE), sharp[None])[0]
+    (found,) = hidden_by_grain(mrf, parts[None], np.full((1, size), LITTLE), sharp[None])
+    found[:3, :3] += away / max(len(problem.observation.views), 1) ** 2
+    return found
 
 
-def sharpness(footprint: float) -> float:
-    """1 / metres squared that a pixel of an outline tells, `footprint` metres wide at the object."""
-    return 1.0 / (EDGE * footprint) ** 2
+def shape(problem: Problem) -> Array:
+    """(N,) metres by which each part may be off as its model is not quite its shape; 0 where sizes are fixed."""
+    return SHAPE * float(problem.nuisance_std[-3:].max()) * problem.mrf.radii
+
+
+def sharpness(count: Array, footprint: float, astray: Array) -> Array:
+    """(..., N), 1 / metres squared: what outlines of `count` (..., N) pixels, each `footprint` metres wide, tell of
+    parts that are `astray` (N,) metres besides."""
+    variance = (EDGE**2 / np.maximum(count, 1.0) + WHOLE**2) * footprint**2 + astray**2
+    return np.where(count > 0, 1 / variance, 0.0)
 
 
 def outline_pixels(

@@ -12,7 +12,18 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import mrf as fields
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference.problem import Problem
-from pmpnbp.readout.image_grain import EDGE, JUMP, UNTOLD, grain, hidden_by_grain, outline_pixels, sharpness
+from pmpnbp.readout.image_grain import (
+    EDGE,
+    JUMP,
+    SHAPE,
+    UNTOLD,
+    WHOLE,
+    grain,
+    hidden_by_grain,
+    outline_pixels,
+    shape,
+    sharpness,
+)
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
@@ -95,11 +106,12 @@ def test_the_end_of_a_chain_is_known_as_well_as_its_beginning() -> None:
     assert alone[-1] / alone[0] > 3
 
 
-def looked_at(eye: tuple[float, float, float]) -> tuple[Problem, Array, Array]:
+def looked_at(eye: tuple[float, float, float], **settings: float) -> tuple[Problem, Array, Array]:
     model, (root, joints) = worlds.cupboard(), worlds.cupboard_truth()
     camera = worlds.camera_at(eye, root[:3] + [0, 0, 0.2])
     observation = worlds.seen(model, root, joints, camera)
-    return problems.build(model, observation, UniformPrior("upright"), worlds.settings(), particles=20), root, joints
+    chosen = worlds.settings(**settings)
+    return problems.build(model, observation, UniformPrior("upright"), chosen, particles=20), root, joints
 
 
 def test_what_no_outline_tells_has_no_grain() -> None:
@@ -115,6 +127,37 @@ def test_what_no_outline_tells_has_no_grain() -> None:
 def test_two_views_have_their_own_grain_each() -> None:
     made, root, joints = looked_at((0.0, 0.0, 0.7))
     (view,) = made.observation.views
-    twice = replace(made, observation=replace(made.observation, views=(view, view)))
+    twice = replace(made, observation=replace(made.observation, views=(view, view)), nuisance_std=np.zeros(17))
     np.testing.assert_allclose(grain(twice, root, joints), grain(made, root, joints) / 2, rtol=1e-6, atol=1e-15)
-    assert sharpness(0.005) == pytest.approx(1 / (EDGE * 0.005) ** 2)
+
+
+def test_a_long_outline_tells_more_but_not_without_end() -> None:
+    told = sharpness(np.array([0.0, 1.0, 4.0, 1e9]), 0.005, np.zeros(4))
+    np.testing.assert_allclose(told[1:] ** -0.5, 0.005 * np.hypot([EDGE, EDGE / 2, 0.0], WHOLE), rtol=1e-6)
+    assert told[0] == 0.0
+    np.testing.assert_allclose(sharpness(np.full(1, 1e9), 0.0, np.full(1, 0.002)) ** -0.5, 0.002)
+
+
+def test_a_free_depth_scale_lets_the_object_be_nearer_or_farther() -> None:
+    """By as much as outlines may be too far in or out, along the line of sight and in no other direction."""
+    fixed, root, joints = looked_at((0.0, 0.0, 0.7))
+    free, _, _ = looked_at((0.0, 0.0, 0.7), depth_scale_std=0.01)
+    more = grain(free, root, joints) - grain(fixed, root, joints)
+    middles = poses.transform_points(fixed.mrf.part_poses(root, joints), fixed.mrf.centres)
+    sight = middles.mean(axis=0) - [0.0, 0.0, 0.7]
+    variances, axes = np.linalg.eigh(more[:3, :3])
+    np.testing.assert_allclose(variances[:2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(abs(axes[:, 2] @ sight), np.linalg.norm(sight), rtol=1e-9)
+    assert 1e-3 < np.sqrt(variances[2]) < 5e-3
+    # a scale that is all but known is no farther off than it may be
+    known, _, _ = looked_at((0.0, 0.0, 0.7), depth_scale_std=1e-5)
+    least = grain(known, root, joints)[:3, :3] - grain(fixed, root, joints)[:3, :3]
+    np.testing.assert_allclose(np.sqrt(np.trace(least)), 1e-5 * np.linalg.norm(sight), rtol=1e-3)
+
+
+def test_parts_whose_sizes_are_free_are_known_less_well() -> None:
+    fixed, root, joints = looked_at((0.0, 0.0, 0.7))
+    free, _, _ = looked_at((0.0, 0.0, 0.7), size_std=0.02)
+    np.testing.assert_allclose(shape(free), SHAPE * 0.02 * free.mrf.radii)
+    assert not shape(fixed).any()
+    assert np.all(np.diag(grain(free, root, joints)) > 2 * np.diag(grain(fixed, root, joints)))

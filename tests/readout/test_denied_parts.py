@@ -7,15 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.confirmation import confirmation
 from pmpnbp.inference.problem import Problem
-from pmpnbp.readout.denied_parts import STAYING, drawn_anew, moving
+from pmpnbp.potentials.unary import render, render_part
+from pmpnbp.readout.denied_parts import STAYING, drawn_anew, moving, without
 from pmpnbp.readout.fit import assess
 from pmpnbp.readout.mixture import of_estimate
+from pmpnbp.readout.object_posterior import mode_draws
 from pmpnbp.readout.posterior import spread
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 from pmpnbp.scene.prior import UniformPrior
@@ -23,16 +26,17 @@ from tests.inference import small_worlds as worlds
 from tests.inference.small_worlds import X, articulated, at, block
 
 ROOT = at(1.5, 0.0, 0.0, yaw=np.pi - 0.3)
+BEFORE = at(0.28, 0.0, 0.2)
 FOUND, SHUT = np.array([0.12]), np.array([0.0])
 
 
-def chest(board: float | None = None) -> ArticulatedObject:
-    """A box with a drawer before it, and a knob on the drawer; a `board` of that width, metres, 0.12 m before the shut
-    drawer, slides in a joint of its own."""
+def chest(board: float | None = None, stand: Array = BEFORE) -> ArticulatedObject:
+    """A box with a drawer before it, and a knob on the drawer; a `board` of that width, metres, at `stand` (7,) of the
+    box, 0.12 m before the shut drawer, slides in a joint of its own."""
     slide = Joint("slide", "prismatic", "link0", "link1", at(0.16, 0.0, 0.2), X, 0.0, 0.25, (0,))
     joints, shapes = [slide], {"link0": block([0.3, 0.4, 0.4], at(z=0.2)), "link1": block([0.02, 0.36, 0.2])}
     if board is not None:
-        joints.append(Joint("stand", "prismatic", "link0", "link2", at(0.28, 0.0, 0.2), X, 0.0, 0.01, (1,)))
+        joints.append(Joint("stand", "prismatic", "link0", "link2", stand, X, 0.0, 0.01, (1,)))
         shapes["link2"] = block([0.02, board, 0.2])
     return articulated(joints, shapes)
 
@@ -62,6 +66,38 @@ def test_a_board_of_another_size_is_no_drawer_and_the_drawer_is_behind_it_or_bey
     # and the estimate is within what is believed
     low, high = told.joint_intervals[:, 0]
     assert low < 0.01 and high > 0.1
+
+
+def test_a_board_does_not_draw_the_rest_of_the_object_after_it() -> None:
+    """It stands aslant. The box would turn with it if it were the drawer, and is told as if nothing were there."""
+    observation = worlds.seen(chest(0.28, at(0.28, 0.0, 0.2, yaw=0.08)), ROOT, np.r_[SHUT, 0.0])
+    problem = problems.build(chest(), observation, UniformPrior("upright"), worlds.settings(), particles=20, seed=5)
+    posterior = of_estimate(problem, report_at(problem, FOUND))
+    assert posterior.fit.denied == ("link1",) and posterior.centre is not None
+    with_it = mode_draws(np.random.default_rng(1), problem, ROOT, FOUND)
+    off = [
+        float(poses.rotation_angle(poses.mean(*draws)[3:], ROOT[3:]))
+        for draws in (
+            (posterior.drawn_roots, np.exp(posterior.log_weights)),
+            (with_it.roots, np.exp(with_it.log_weights)),
+        )
+    ]
+    assert off[0] < 0.5 * off[1], off
+
+
+def test_what_is_left_out_is_not_rendered_and_the_rest_as_it_was() -> None:
+    problem = looked_at(None, FOUND)
+    (view,) = problem.observation.views
+    parts = problem.mrf.part_poses(ROOT, FOUND)
+    alone = render_part(view.camera, problem.surfaces, 0, parts[0])
+    depth, number = render(view.camera, without(problem, [1]).surfaces, parts)
+    np.testing.assert_allclose(depth, alone, rtol=1e-6)
+    assert set(np.unique(number[depth > 0])) == {0}
+    both, everything = (
+        render(view.camera, made, parts)[0] for made in (problem.surfaces, problem.surfaces.without([]))
+    )
+    np.testing.assert_array_equal(everything, both)
+    assert np.any(both != depth) and without(problem, [1]).surfaces.areas[1].max() == 0.0
 
 
 def test_the_drawer_itself_is_not_denied() -> None:

@@ -15,7 +15,15 @@ import pytest
 from scipy import stats
 
 from pmpnbp.geometry.poses import Array
-from pmpnbp.readout.importance_sampling import ROUNDING, Grid, LogDensity, Proposal, WeightedDraws, adaptive_importance
+from pmpnbp.readout.importance_sampling import (
+    FEW,
+    ROUNDING,
+    Grid,
+    LogDensity,
+    Proposal,
+    WeightedDraws,
+    adaptive_importance,
+)
 
 SETS = 40
 TOLERATED = 5.0
@@ -176,6 +184,28 @@ def test_a_density_with_an_error_at_every_place_is_drawn_as_wide_as_without() ->
     tempered, counted = widths(0.5)
     np.testing.assert_allclose(tempered, 1.0, atol=0.1)
     assert counted >= 100 > 2 * widths(1.0)[1]
+
+
+def test_where_next_to_no_draw_counts_a_few_are_told_all_the_same() -> None:
+    """A thousandth as wide as the start in each of eight coordinates: one draw is as good as all. So much is said, and
+    what is told is wider than a single draw."""
+
+    def narrow(rows: Array) -> Array:
+        return np.asarray(-0.5 * ((rows / 1e-3) ** 2).sum(axis=1))
+
+    made = adaptive_importance(np.random.default_rng(6), narrow, unlimited(np.eye(8)), (200, 200), 100.0, 0.5)
+    weights = np.exp(made.log_weights)
+    assert made.effective_sample_size < 3 < FEW * 0.4 < 1 / (weights**2).sum()
+    assert np.all(np.sqrt(weights @ (made.rows - weights @ made.rows) ** 2) > 0.05)
+
+
+def test_it_ends_with_a_draw_that_is_better_than_the_place_can_be() -> None:
+    def log_density(rows: Array) -> Array:
+        return np.asarray(-0.5 * ((rows - 3.0) ** 2).sum(axis=1))
+
+    better = float(log_density(np.zeros((1, 2)))[0]) + 4.0
+    made = adaptive_importance(np.random.default_rng(7), log_density, unlimited(np.eye(2)), COUNTS, 1e9, high=better)
+    assert len(made.rows) == COUNTS[0] and made.log_density.max() > -5.0
 
 
 def test_a_grid_draws_what_it_says() -> None:

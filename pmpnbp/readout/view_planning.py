@@ -31,7 +31,7 @@ from pmpnbp.settings import SessionOptions
 # Draws that are told apart, and every how manyth of them is looked at more sharply.
 DRAWS, EVERY = 40, 8
 # Pixels across and down of the images they are told apart in, and their field of view.
-WIDTH, HEIGHT, FIELD = 64, 48, np.deg2rad(60.0)
+WIDTH, HEIGHT, FIELD = 96, 72, np.deg2rad(60.0)
 # Candidates around the object: turns, and heights over its middle in shares of the distance; from no higher than this.
 TURNS, STEEP = 12, (0.25, 0.65)
 # Metres: what is known better is taken to be known so well.

@@ -130,8 +130,8 @@ def test_a_chosen_part_is_asked_about_alone(page: Page, served: Served, hidden: 
 
 
 def test_that_no_place_tells_more_is_told(page: Page, served: Served, uncertain: str) -> None:
-    """What is not known as well as was asked for is so to a hair's breadth, which is worth no scan. Of links that are one
-    part the first is named."""
+    """What is not known as well as was asked for is so to a hair's breadth, which is worth no scan. Of links that are
+    one part the first is named."""
     links = served.client.get(f"{uncertain}/estimate").json()["links"]
     known = sorted(max(*link["std_xyz"], link["expected_add"]) for link in links.values())
     asked = 0.98 * known[-1]

@@ -12,6 +12,9 @@ import { changeView } from "./view.js";
 // The share of a part that is visible below which it is unseen; one without a surface is not.
 const UNSEEN = 0.01;
 
+// A good fit's reason: a part that is seen through, or another thing of the same kind, comes after the share.
+const AFTER_SHARE = /^the scan confirms \d+ % of what should be seen(.*)$/;
+
 let asked = null; // the newest estimate, where another iteration is looked at
 
 export function install() {
@@ -55,7 +58,8 @@ function sentence({ state: here, fit, fit_reason: reason, certain }) {
   const estimate = newest();
   const explained = estimate?.explained ?? null;
   const links = certain ? "All links certain." : uncertain(estimate);
-  return ["Found:", `${explained === null ? reason : `${percent(explained)} explained`}. ${links}`];
+  const told = explained === null ? reason : `${percent(explained)} explained${AFTER_SHARE.exec(reason)?.[1] ?? ""}`;
+  return ["Found:", `${told}${told.endsWith("?") ? "" : "."} ${links}`];
 }
 
 // The parts with a link that is not certain, by the name of one: links that move together are one thing. Of what is not

@@ -110,6 +110,17 @@ def test_the_verdict_names_what_is_not_certain(page: Page, served: Served, uncer
     expect(page.locator("#shown")).to_have_text(re.compile(r"^\s*1 / "))
 
 
+def test_the_verdict_says_what_is_seen_through_or_there_twice(page: Page, served: Served, certain: str) -> None:
+    share = "the scan confirms 86 % of what should be seen"
+    members = {"fit": "good", "fit_reason": f"{share}; drawer2 is seen through in places, so that it may be elsewhere"}
+    page.add_init_script(f"({OTHER_WORDS})({json.dumps(members)})")
+    opened(page, served, certain)
+    told = (
+        r"Found: \d+\s% explained; drawer2 is seen through in places, so that it may be elsewhere\. All links certain\."
+    )
+    expect(page.locator("#certain")).to_have_text(re.compile(told))
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize(
     ("fit", "word"),

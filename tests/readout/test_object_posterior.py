@@ -114,10 +114,11 @@ def test_draws_keep_to_the_limits_and_gather_where_the_truth_is() -> None:
 
 
 def test_the_evidence_is_the_same_from_any_seed_and_falls_where_the_object_is_not() -> None:
-    """Of two sets of draws it differs by a tenth or two: half a nat is five such standard deviations and more."""
+    """From one set of draws to the next it has a deviation of 0.3 nats; over twenty sets 0.6 would be found once in ten
+    million times (chi-square, 19 degrees of freedom)."""
     made = looked_at(UniformPrior("upright"))
-    here = [mode_draws(np.random.default_rng(k), made, ROOT, JOINTS).log_evidence for k in range(4)]
-    assert np.ptp(here) < 1.0
+    here = [mode_draws(np.random.default_rng(k), made, ROOT, JOINTS).log_evidence for k in range(20)]
+    assert np.std(here, ddof=1) < 0.6
     away = np.concatenate([ROOT[:3] + [0.0, 0.02, 0.0], ROOT[3:]])
     away_joints = np.clip(JOINTS + [0.05, 0.1], MODEL.lower, MODEL.upper)
     apart = looked_at(GaussianPrior("link0", away, np.full(3, 1e-4), np.full(3, 1e-4), {}))

@@ -68,12 +68,11 @@ def spread(draws: ModeDraws) -> float:
     return float(np.sqrt((weights @ (places - weights @ places) ** 2).max()))
 
 
-@pytest.mark.parametrize("direction, most", [(FRONT + 0.3 * worlds.UP, 2), (FRONT + 0.6 * worlds.UP, 2), (ABOVE, 3)])
+@pytest.mark.parametrize("direction", [FRONT + 0.3 * worlds.UP, FRONT + 0.6 * worlds.UP, ABOVE])
 def test_the_deviation_that_is_expected_is_what_the_scan_then_gives(
-    problem: Problem, posterior: Posterior, direction: Array, most: float
+    problem: Problem, posterior: Posterior, direction: Array
 ) -> None:
-    """Also from above, where only outlines tell how far the drawer is open, of which the planned views' small images
-    miss some: its walls are thinner than their pixels."""
+    """Also from above, where only outlines tell how far the drawer is open."""
     planned = view(direction)
     (one,) = ranked(problem, posterior, [DRAWER], [planned])
     parts, first = MODEL.part_poses(ROOT, JOINTS), worlds.camera_at(MIDDLE + 1.3 * BACK, MIDDLE)
@@ -81,7 +80,7 @@ def test_the_deviation_that_is_expected_is_what_the_scan_then_gives(
     both = observe(scans, problem.observation.roi, up=worlds.UP)
     after = problems.build(MODEL, both, UniformPrior("upright"), worlds.settings(), particles=20)
     got = np.median([spread(mode_draws(np.random.default_rng(k), after, ROOT, JOINTS)) for k in range(9)])
-    assert 0.5 < one.std_xyz.max() / got < most
+    assert 0.5 < one.std_xyz.max() / got < 2.0
 
 
 def test_of_views_that_tell_as_much_as_is_asked_the_sharper_one_comes_first(

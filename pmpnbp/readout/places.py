@@ -35,8 +35,9 @@ SAME, SAME_BEND, DEVIATIONS = 0.01, 0.003, 4.0
 # The best so many places of a long chain that is bent otherwise somewhere are rivals, too.
 BENT = 48
 # Another thing of the same kind is looked for in the best so many rivals whose middle is farther off than this, in
-# radii of the largest part; it explains other pixels, but for this share. None that scored less than FAINT of the
-# estimate before it was polished was a good fit then: on seeds 44 to 79 the faintest of those had 0.43.
+# radii of the largest part; it explains other pixels, but for this share. Before it is polished it may share twice as
+# much, and its score is FAINT of the estimate's at the least: on seeds 44 to 79 those that were good fits then shared
+# none at all, and had 0.43.
 OTHERS, APART, SHARED, FAINT = 2, 0.5, 0.3, 0.15
 
 
@@ -118,6 +119,9 @@ def _others(
         if min(float(np.linalg.norm(middles[row] - middle)) for middle in taken) < least:
             continue
         taken.append(middles[row])
+        # most rivals explain what the estimate does, and polishing them would be for nothing
+        if _shared(own.seen, confirmation(problem, roots[row], joints[row])) > 2 * SHARED:
+            continue
         plan = problem.schedule(report.iteration)
         places, q, _ = polish(rng, problem, roots[[row]], joints[[row]], plan, problem.tolerance_end, POLISH_ROUNDS)
         seen = confirmation(problem, places[0], q[0])

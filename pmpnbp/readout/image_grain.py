@@ -55,13 +55,18 @@ def grain(problem: Problem, root: Array, joints: Array) -> Array:
         # what seems smaller by its outlines seems farther off
         gap = middles.mean(axis=0) - np.asarray(view.camera.pose_world_camera)[:3]
         away += np.outer(gap, gap) * min(INWARD * footprint / reach, scale_stds[place]) ** 2
+    steps = np.full((1, 6 + len(joints)), LITTLE)
+    (found,) = hidden_by_grain(mrf, nudged(mrf, root, joints)[None], steps, sharp[None])
+    found[:3, :3] += away / max(len(problem.observation.views), 1) ** 2
+    return found
+
+
+def nudged(mrf: Mrf, root: Array, joints: Array) -> Array:
+    """(1 + 6 + D, N, 7) part poses of a configuration (7,), (D,), as it is and with each coordinate moved by LITTLE."""
     size = 6 + len(joints)
     moves = LITTLE * np.concatenate([np.zeros((1, size)), np.eye(size)])
     # a joint at its limit is moved beyond it: this is geometry alone
-    parts = mrf.part_poses(poses.perturb(root, moves[:, :3], moves[:, 3:6], mrf.centres[0]), joints + moves[:, 6:])
-    (found,) = hidden_by_grain(mrf, parts[None], np.full((1, size), LITTLE), sharp[None])
-    found[:3, :3] += away / max(len(problem.observation.views), 1) ** 2
-    return found
+    return mrf.part_poses(poses.perturb(root, moves[:, :3], moves[:, 3:6], mrf.centres[0]), joints + moves[:, 6:])
 
 
 def shape(problem: Problem) -> Array:

@@ -14,10 +14,11 @@ from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.nuisance_fit import fitted
-from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.problem import LONG_CHAIN, Problem
 from pmpnbp.readout import places
 from pmpnbp.readout.checkpoint import Checkpoint
 from pmpnbp.readout.mixture import at_rest, of_estimate, read_out
+from pmpnbp.readout.object_posterior import log_posterior
 from pmpnbp.readout.particle_statistics import covariance
 from pmpnbp.readout.places import POLISH_ROUNDS
 from pmpnbp.readout.posterior import FEWEST_DRAWS, Posterior, spread
@@ -233,3 +234,24 @@ def test_an_estimate_that_has_moved_a_little_since_is_not_elsewhere_than_its_own
     limit = max(float(np.sqrt(np.diagonal(told.covariances, axis1=1, axis2=2)[:, :3]).max()), told.expected_add.max())
     assert told.certain(found, limit).all()
     assert not told.certain(found, limit / 3).any()
+
+
+def test_a_long_chain_is_told_where_its_draws_have_it() -> None:
+    """Each joint alone is loose, but not the parts: the middle of all is a place as good as most draws, and its links
+    are where they are."""
+    model = worlds.hinged_chain(12, 0.06)
+    root, joints = at(3.0, 0.0, -0.3, 0.3), 0.25 * np.cos(np.arange(model.dof))
+    seen = worlds.seen(model, root, joints, worlds.camera_at((0.0, 0.0, 0.3), (3.0, 0.0, 0.1)))
+    made = problems.build(model, seen, UniformPrior("any"), worlds.settings(), particles=20, seed=3)
+    _, begun = run.begin(made)
+    truth = made.mrf.part_poses(root, joints)
+    begun = replace(begun, iteration=12, stage="belief propagation", map_poses=truth, map_joints=joints)
+    found = of_estimate(made, begun)
+    assert made.mrf.depth >= LONG_CHAIN and found.centre is not None
+    own = found.mode == 0
+    drawn = log_posterior(made, found.drawn_roots[own], found.drawn_joints[own])
+    assert log_posterior(made, found.centre.root[None], found.centre.joints[None])[0] > np.median(drawn)
+    told = made.mrf.part_poses(found.centre.root, found.centre.joints)
+    assert np.linalg.norm(told[:, :3] - truth[:, :3], axis=1).max() < 0.002
+    loose = np.sqrt(((found.drawn_joints[own] - joints) ** 2).mean(axis=0))
+    assert loose.max() > np.deg2rad(3.0)

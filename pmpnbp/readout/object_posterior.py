@@ -34,7 +34,7 @@ from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 FLOOR, SHARED = 0.0035, 1.8
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate; rounds at
 # most; and how many draws have to count before no more are made.
-FIRST, LEAST, EACH, ROUNDS, ENOUGH = 64, 128, 16, 24, 60.0
+FIRST, LEAST, EACH, ROUNDS, ENOUGH = 96, 64, 8, 48, 60.0
 # Cells over a joint's range, and the least share of a uniform density in draws from them.
 CELLS, UNIFORM = 32, 0.1
 # Of so many cells next to each other one is looked at first; where that is worse by more nats, so are all. On even

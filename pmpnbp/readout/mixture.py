@@ -19,7 +19,9 @@ from that middle.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
+from itertools import repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +39,7 @@ from pmpnbp.readout.denied_parts import drawn_anew, without
 from pmpnbp.readout.fit import assess
 from pmpnbp.readout.object_posterior import ModeDraws, log_posterior, mode_draws
 from pmpnbp.readout.particle_statistics import short_way_round
-from pmpnbp.readout.places import Place, contenders, misfit, mode_reach, strayed
+from pmpnbp.readout.places import Place, contenders, least_reach, misfit, mode_reach, strayed
 from pmpnbp.readout.posterior import Centre, ObjectMode, Posterior
 
 # Modes are told at most, and what weighs less than this is none.
@@ -62,15 +64,15 @@ def of_estimate(problem: Problem, report: IterationReport, checkpoint: Checkpoin
     rng = np.random.default_rng([problem.seed, report.iteration, 1])
     seen, moving = confirmation(problem, root, joints), problem.mrf.depth >= LONG_CHAIN
     own = _drawn_about(rng, problem, report, root, joints, seen, checkpoint, moving=moving)
-    places, reaches = [own], [mode_reach(problem, own)]
+    places, reaches, least = [own], [mode_reach(problem, own)], repeat(least_reach(problem))
     checkpoint()
     for root_there, joints_there, seen, apart in contenders(rng, problem, report, own, reaches[0]):
-        if len(places) < MODES and not any(
-            np.all(strayed(problem, place.root, place.joints, root_there, joints_there) <= reach)
-            for place, reach in zip(places, reaches, strict=True)
-        ):
-            places.append(_drawn_about(rng, problem, report, root_there, joints_there, seen, checkpoint, apart=apart))
-            reaches.append(mode_reach(problem, places[-1]))
+        if len(places) < MODES and _is_new(problem, places, reaches, root_there, joints_there):
+            place = _drawn_about(rng, problem, report, root_there, joints_there, seen, checkpoint, apart=apart)
+            # its draws may have led back to one that is known
+            if _is_new(problem, places, least, place.root, place.joints):
+                places.append(place)
+                reaches.append(mode_reach(problem, place))
     checkpoint()
     return _told(rng, problem, report.iteration, places, (root, joints), checkpoint)
 
@@ -93,6 +95,16 @@ def motions(problem: Problem, root: Array, joints: Array, roots: Array, others: 
     """(C,) metres: the largest that any part's middle or rim moves from (7,), (D,) to (C, 7), (C, D)."""
     found: Array = strayed(problem, root, joints, roots, others).max(axis=1)
     return found
+
+
+def _is_new(
+    problem: Problem, places: list[Place], reaches: Iterable[Array | float], root: Array, joints: Array
+) -> bool:
+    """Whether a configuration (7,), (D,) is of none of the modes, each of which has its reach, (N,) or of all parts."""
+    return not any(
+        np.all(strayed(problem, place.root, place.joints, root, joints) <= reach)
+        for place, reach in zip(places, reaches, strict=False)
+    )
 
 
 def _drawn_about(

@@ -32,9 +32,10 @@ from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 # many times the depths' own: pixels share their errors with their neighbours (steps of depth, outlines, the mesh), so
 # that each says less than its noise would have it. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
 FLOOR, SHARED = 0.0035, 1.8
-# Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate; rounds at
-# most; and how many draws have to count before no more are made.
-FIRST, LEAST, EACH, ROUNDS, ENOUGH = 96, 64, 8, 48, 60.0
+# Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate at most,
+# else as many as the covariance that is fitted to them has elements; rounds at most; and how many draws have to count
+# before no more are made.
+FIRST, LEAST, EACH, ROUNDS, ENOUGH = 96, 64, 16, 48, 60.0
 # Cells over a joint's range, and the least share of a uniform density in draws from them.
 CELLS, UNIFORM = 32, 0.1
 # Of so many cells next to each other one is looked at first; where that is worse by more nats, so are all. On even
@@ -103,7 +104,8 @@ def mode_draws(
     grids = _grids(problem, root, joints, np.diag(information)[6 : 6 + model.dof] ** -0.5)
     lower, upper = _limits(problem, joints, len(free))
     first = Proposal(np.zeros(len(information)), covariance, lower, upper, grids)
-    counts = (FIRST, *[max(LEAST, EACH * len(information))] * (ROUNDS - 1))
+    each = min(len(information), EACH)
+    counts = (FIRST, *[max(LEAST, each * len(information))] * (ROUNDS - 1))
     here = float(density(np.zeros((1, len(information))))[0])
     drawn = adaptive_importance(rng, density, first, counts, ENOUGH, HALF_SURE, here + surpassed)
     if moving and drawn.log_density.max() <= here + surpassed:

@@ -134,8 +134,12 @@ def mode_reach(problem: Problem, place: Place) -> Array:
     """(N,) metres up to which a part is of the same mode as at a place, by what is drawn about it."""
     draws = place.draws
     far = strayed(problem, place.root, place.joints, draws.roots, draws.joints)
-    least = SAME_BEND if problem.mrf.depth >= LONG_CHAIN else SAME
-    return np.maximum(least, DEVIATIONS * np.sqrt(np.exp(draws.log_weights) @ far**2))
+    return np.maximum(least_reach(problem), DEVIATIONS * np.sqrt(np.exp(draws.log_weights) @ far**2))
+
+
+def least_reach(problem: Problem) -> float:
+    """Metres up to which all parts are of the same mode, whatever is drawn."""
+    return SAME_BEND if problem.mrf.depth >= LONG_CHAIN else SAME
 
 
 def misfit(place: Place) -> float:

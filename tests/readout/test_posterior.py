@@ -13,12 +13,13 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run
 from pmpnbp.inference.belief import IterationReport
+from pmpnbp.inference.confirmation import confirmation
 from pmpnbp.inference.nuisance_fit import fitted
 from pmpnbp.inference.problem import LONG_CHAIN, Problem
-from pmpnbp.readout import places
+from pmpnbp.readout import mixture, places
 from pmpnbp.readout.checkpoint import Checkpoint
 from pmpnbp.readout.mixture import at_rest, of_estimate, read_out
-from pmpnbp.readout.object_posterior import log_posterior
+from pmpnbp.readout.object_posterior import log_posterior, mode_draws
 from pmpnbp.readout.particle_statistics import covariance
 from pmpnbp.readout.places import POLISH_ROUNDS
 from pmpnbp.readout.posterior import FEWEST_DRAWS, Posterior, spread
@@ -255,3 +256,15 @@ def test_a_long_chain_is_told_where_its_draws_have_it() -> None:
     assert np.linalg.norm(told[:, :3] - truth[:, :3], axis=1).max() < 0.002
     loose = np.sqrt(((found.drawn_joints[own] - joints) ** 2).mean(axis=0))
     assert loose.max() > np.deg2rad(3.0)
+
+
+def test_a_rival_whose_draws_lead_back_to_a_mode_is_no_other(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is far enough off to be drawn about, and moves to where its draws are better: the estimate's own place."""
+    astray = poses.multiply(ROOT, at(0.02, 0.0, 0.0, 0.03))
+    seen = confirmation(problem, astray, SHUT)
+    monkeypatch.setattr(mixture, "contenders", lambda *_: iter([(astray, SHUT, seen, False)]))
+    drawn = []
+    monkeypatch.setattr(mixture, "mode_draws", lambda *given, **named: drawn.append(1) or mode_draws(*given, **named))
+    found = of_estimate(problem, report(problem, astray))
+    assert len(drawn) > 2  # about the estimate, the rival, and where that led
+    assert len(found.modes) == 1

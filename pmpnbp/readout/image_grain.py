@@ -7,10 +7,9 @@ before it are; so neighbouring joints are off in opposite senses, and its end is
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
@@ -23,12 +22,13 @@ from pmpnbp.potentials.unary import renders
 # mixes depths at edges. All of a part's outline is off by WHOLE besides, however long it is, and all of an object's
 # outlines are too far in or out by INWARD, which a free depth scale is taken in by. Set on seeds up to 69 of
 # `benchmarks.belief`, docs/algorithm.md.
-EDGE, WHOLE, INWARD = 0.29, 0.016, 0.06
+EDGE, WHOLE, INWARD = 0.32, 0.018, 0.06
 # Where sizes are free, a part may be off by so much of what they may be: sizes along three axes are not all that may be
 # wrong of a model.
 SHAPE = 0.17
 # Beside an outline is what lies behind it by more than so many tolerances: up to that, what is seen there may confirm
-# either.
+# either. A surface that falls away so steeply counts, too: without it coverage is the same, and next views are chosen
+# less well.
 JUMP = 2.0
 # Metres or radians by which a coordinate is moved to see how far it moves parts.
 LITTLE = 1e-4
@@ -56,18 +56,13 @@ def grain(problem: Problem, root: Array, joints: Array) -> Array:
         # what seems smaller by its outlines seems farther off
         gap = middles.mean(axis=0) - np.asarray(view.camera.pose_world_camera)[:3]
         away += np.outer(gap, gap) * min(INWARD * footprint / reach, scale_stds[place]) ** 2
-    steps = np.full((1, 6 + len(joints)), LITTLE)
-    (found,) = hidden_by_grain(mrf, nudged(mrf, root, joints)[None], steps, sharp[None])
-    found[:3, :3] += away / max(len(problem.observation.views), 1) ** 2
-    return found
-
-
-def nudged(mrf: Mrf, root: Array, joints: Array) -> Array:
-    """(1 + 6 + D, N, 7) part poses of a configuration (7,), (D,), as it is and with each coordinate moved by LITTLE."""
     size = 6 + len(joints)
     moves = LITTLE * np.concatenate([np.zeros((1, size)), np.eye(size)])
     # a joint at its limit is moved beyond it: this is geometry alone
-    return mrf.part_poses(poses.perturb(root, moves[:, :3], moves[:, 3:6], mrf.centres[0]), joints + moves[:, 6:])
+    parts = mrf.part_poses(poses.perturb(root, moves[:, :3], moves[:, 3:6], mrf.centres[0]), joints + moves[:, 6:])
+    (found,) = hidden_by_grain(mrf, parts[None], np.full((1, size), LITTLE), sharp[None])
+    found[:3, :3] += away / max(len(problem.observation.views), 1) ** 2
+    return found
 
 
 def shape(problem: Problem) -> Array:
@@ -86,20 +81,10 @@ def outline_pixels(
     depth: NDArray[np.float32], number: NDArray[np.int16], shown: NDArray[np.bool_], tolerance: float, nodes: int
 ) -> Array:
     """(N,) of each part, the pixels of its outline that are `shown` (h, w), in a render's depth and part number (h, w):
-    beside which nothing is, or something farther off than their surface goes on to. tolerance : metres"""
-    padded = np.pad(np.where(depth > 0, depth, np.inf), 1, mode="edge")
-    height, width = depth.shape
-    here, outline = padded[1:-1, 1:-1], np.zeros(depth.shape, dtype=np.bool_)
-    with np.errstate(invalid="ignore"):
-        for down, right in product((-1, 0, 1), repeat=2):
-            beside, opposite = (
-                padded[1 + sign * down : 1 + sign * down + height, 1 + sign * right : 1 + sign * right + width]
-                for sign in (1, -1)
-            )
-            # of a slanted surface every pixel is farther off than the one before it, and by as much
-            slant = np.where(np.isfinite(opposite), np.maximum(here - opposite, 0.0), 0.0)
-            outline |= beside - here - slant > JUMP * tolerance
-    return np.bincount(number[shown & outline], minlength=nodes).astype(np.float64)
+    beside which nothing is, or something farther off. tolerance : metres"""
+    beyond = np.where(depth > 0, depth, np.inf)
+    beside = ndimage.maximum_filter(beyond, size=3, mode="nearest")
+    return np.bincount(number[shown & (beside > beyond + JUMP * tolerance)], minlength=nodes).astype(np.float64)
 
 
 def hidden_by_grain(mrf: Mrf, parts: Array, steps: Array, sharp: Array) -> Array:

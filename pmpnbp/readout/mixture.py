@@ -24,7 +24,6 @@ from dataclasses import replace
 from itertools import repeat
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
@@ -32,7 +31,7 @@ from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.confirmation import Confirmation, confirmation
 from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.log_weights import normalise
-from pmpnbp.inference.problem import LONG_CHAIN, Problem
+from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import agreeing, polish
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.denied_parts import drawn_anew, without
@@ -62,8 +61,7 @@ def of_estimate(problem: Problem, report: IterationReport, checkpoint: Checkpoin
     problem = problem.taking(report.nuisances)
     root, joints = agreeing(problem, report)
     rng = np.random.default_rng([problem.seed, report.iteration, 1])
-    seen, moving = confirmation(problem, root, joints), problem.mrf.depth >= LONG_CHAIN
-    own = _drawn_about(rng, problem, report, root, joints, seen, checkpoint, moving=moving)
+    own = _drawn_about(rng, problem, report, root, joints, confirmation(problem, root, joints), checkpoint)
     places, reaches, least = [own], [mode_reach(problem, own)], repeat(least_reach(problem))
     checkpoint()
     for root_there, joints_there, seen, apart in contenders(rng, problem, report, own, reaches[0]):
@@ -117,12 +115,11 @@ def _drawn_about(
     checkpoint: Checkpoint,
     *,
     apart: bool = False,
-    moving: bool = False,
 ) -> Place:
     """The mode about a configuration (7,), (D,), or about a much better one that its draws find."""
     moved = False
     for left in range(MOVES, -1, -1):
-        draws = mode_draws(rng, problem, root, joints, checkpoint, SURPASSED if left else np.inf, moving=moving)
+        draws = mode_draws(rng, problem, root, joints, checkpoint, SURPASSED if left else np.inf)
         if draws.gain <= SURPASSED or not left:
             break
         plan, best = problem.schedule(report.iteration), (draws.best_root[None], draws.best_joints[None])
@@ -195,30 +192,20 @@ def _log_room(draws: ModeDraws) -> float:
 
 
 def _centre(problem: Problem, place: Place) -> Centre:
-    """The middle of a place's draws in what is known to within the tolerance; in what is not, the place itself."""
+    """The middle of a place's draws in what is known to within the tolerance, the root's pose all together; in what is
+    not, the place itself."""
     model, middle, draws = problem.mrf.model, problem.mrf.centres[0], place.draws
-    weights, known = np.exp(draws.log_weights), _known(problem, place)
     offsets = mode_offsets(problem, place.root, place.joints, draws.roots, draws.joints)
-    mean = np.where(known, weights @ offsets, 0.0)
+    weights = np.exp(draws.log_weights)
+    mean = weights @ offsets
+    stds = np.sqrt(weights @ (offsets - mean) ** 2)
+    known = stds * coordinate_levers(problem) < problem.tolerance_end
+    known[:6] = known[:6].all()
+    mean = np.where(known, mean, 0.0)
     root = poses.perturb(place.root, mean[:3], mean[3:6], middle)
     joints = within_limits(place.joints + mean[6:], model.lower, model.upper, model.wraps)
     nuisances = weights @ draws.nuisances if draws.nuisances is not None and known[0] else problem.nuisances
     return Centre(root=root, joints=joints, nuisances=nuisances)
-
-
-def _known(problem: Problem, place: Place) -> NDArray[np.bool_]:
-    """(6 + D,) whether both parts of a joint are known to within the tolerance, and of the root's coordinates whether
-    that is. A joint of a chain may be loose where all parts are known, and takes its neighbours with it: the middle of
-    the others alone would be far off."""
-    draws = place.draws
-    far = strayed(problem, place.root, place.joints, draws.roots, draws.joints)
-    near = np.sqrt(np.exp(draws.log_weights) @ far**2) < problem.tolerance_end
-    known, edges = np.zeros(6 + len(place.joints), dtype=np.bool_), problem.mrf.model.edges
-    known[:6] = near[0]
-    known[6 + np.unique([c for edge in edges for c in edge.coordinates])] = True
-    for edge in edges:
-        known[6 + edge.coordinates] &= near[edge.parent] & near[edge.child]
-    return known
 
 
 def mode_offsets(problem: Problem, root: Array, joints: Array, roots: Array, drawn_joints: Array) -> Array:
@@ -229,6 +216,12 @@ def mode_offsets(problem: Problem, root: Array, joints: Array, roots: Array, dra
     turns = poses.quaternion_multiply(roots[:, 3:], poses.quaternion_conjugate(root[3:]))
     slides = short_way_round(drawn_joints - joints, problem.mrf.model.wraps)
     return np.concatenate([moves, poses.to_rotation_vector(turns), slides], axis=1)
+
+
+def coordinate_levers(problem: Problem) -> Array:
+    """(6 + D,) metres that the object moves for one unit of each coordinate of root and joints."""
+    reach = float(problem.mrf.radii.max())
+    return np.concatenate([np.ones(3), np.full(3, reach), np.where(problem.joint_turns, reach, 1.0)])
 
 
 def _sizes(problem: Problem, found: list[ModeDraws]) -> Array | None:

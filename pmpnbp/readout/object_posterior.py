@@ -25,7 +25,6 @@ from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.free_turn import free_turn, turned_anyhow
 from pmpnbp.readout.image_grain import grain
 from pmpnbp.readout.importance_sampling import Grid, LogDensity, Proposal, adaptive_importance
-from pmpnbp.readout.resample_move import moved_on, steps_of_parts
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 
 # A pixel's score 1 - (d / tau)^2 counts as a Gaussian's logarithm with a standard deviation of FLOOR, metres, and so
@@ -88,13 +87,10 @@ def mode_draws(
     joints: Array,
     checkpoint: Checkpoint = go_on,
     surpassed: float = np.inf,
-    *,
-    moving: bool = False,
 ) -> ModeDraws:
     """Draws about a mode's best configuration (7,), (D,). Raises what `checkpoint` does, called before each round.
 
     surpassed : nats; no more are made once one is better by more than that, for then they are about the wrong place
-    moving : whether they are moved on from where they were drawn, see `resample_move`
     """
     model = problem.mrf.model
     free = np.flatnonzero(problem.nuisance_std)
@@ -108,8 +104,6 @@ def mode_draws(
     counts = (FIRST, *[max(LEAST, each * len(information))] * (ROUNDS - 1))
     here = float(density(np.zeros((1, len(information))))[0])
     drawn = adaptive_importance(rng, density, first, counts, ENOUGH, HALF_SURE, here + surpassed)
-    if moving and drawn.log_density.max() <= here + surpassed:
-        drawn = moved_on(rng, density, drawn, steps_of_parts(problem.mrf, root, joints), HALF_SURE)
     placed, best = _placed(problem, root, joints, drawn.rows[:, : 6 + model.dof]), int(drawn.log_density.argmax())
     values, axes = np.linalg.eigh(grain(problem, root, joints))
     # the symmetric root: axes of equal variance are any

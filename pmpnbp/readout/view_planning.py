@@ -23,7 +23,7 @@ from pmpnbp.inference.log_weights import normalise
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import moved
 from pmpnbp.readout.expected_scan import PROBE, Probed, blocking_points, expected_scan, hidden, information, told_apart
-from pmpnbp.readout.mixture import mode_offsets
+from pmpnbp.readout.mixture import coordinate_levers, mode_offsets
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.scene.articulated_object import parts_of_links
 from pmpnbp.settings import SessionOptions
@@ -179,8 +179,8 @@ def _neighbourhoods(
         own = posterior.mode == number
         roots, weights = posterior.drawn_roots[own], np.exp(normalise(posterior.log_weights[own]))
         offsets = mode_offsets(problem, mode.root, mode.joints, roots, posterior.drawn_joints[own])
-        covariance = np.cov(offsets.T, aweights=weights, bias=True) + np.diag((LEAST / _levers(problem)) ** 2)
-        wide = np.sqrt(np.diagonal(covariance)) * _levers(problem) >= problem.tolerance_end
+        covariance = np.cov(offsets.T, aweights=weights, bias=True) + np.diag((LEAST / coordinate_levers(problem)) ** 2)
+        wide = np.sqrt(np.diagonal(covariance)) * coordinate_levers(problem) >= problem.tolerance_end
         wide[:6] = wide[:6].any()
         # so many draws fill the open coordinates' volume
         count, size = max(len(np.unique(chosen[own[chosen]])), 1), max(int(wide.sum()), 1)
@@ -229,16 +229,10 @@ def _moved(problem: Problem, roots: Array, joints: Array, reach: float) -> tuple
     """Steps (T, 6 + D) that move the surface of configurations (T, 7), (T, D) by `reach` metres, a joint away from its
     upper limit; and root poses (T, 1 + 6 + D, 7) and joints (T, 1 + 6 + D, D), as they are and moved by each."""
     model = problem.mrf.model
-    steps = np.tile(reach / _levers(problem), (len(roots), 1))
+    steps = np.tile(reach / coordinate_levers(problem), (len(roots), 1))
     steps[:, 6:][~model.wraps & (joints + steps[:, 6:] > model.upper)] *= -1.0
     size = steps.shape[1]
     return steps, *moved(problem, roots, joints, steps[:, None] * np.concatenate([np.zeros((1, size)), np.eye(size)]))
-
-
-def _levers(problem: Problem) -> Array:
-    """(6 + D,) metres that the object moves for one unit of each coordinate of root and joints."""
-    reach = float(problem.mrf.radii.max())
-    return np.concatenate([np.ones(3), np.full(3, reach), np.where(problem.joint_turns, reach, 1.0)])
 
 
 def looking_at(eye: Array, target: Array, up: Array) -> Array:

@@ -161,14 +161,3 @@ def test_parts_whose_sizes_are_free_are_known_less_well() -> None:
     np.testing.assert_allclose(shape(free), SHAPE * 0.02 * free.mrf.radii)
     assert not shape(fixed).any()
     assert np.all(np.diag(grain(free, root, joints)) > 2 * np.diag(grain(fixed, root, joints)))
-
-
-def test_a_slanted_surface_has_an_outline_at_its_rim_only() -> None:
-    """A plane on which each pixel is 3 cm farther off than the one above it, in the middle of a picture; then bent."""
-    depth, number = np.zeros((12, 10), dtype=np.float32), np.full((12, 10), -1, dtype=np.int16)
-    depth[2:10, 2:8], number[2:10, 2:8] = 1.0 + 0.03 * np.arange(8)[:, None], 0
-    rim = 2 * 6 + 2 * (8 - 2)
-    np.testing.assert_array_equal(outline_pixels(depth, number, depth > 0, 0.024 / JUMP, 1), [rim])
-    # below a crease it falls away by more than it goes on to: the crease is an outline, too
-    depth[6:10, 2:8] += 0.06 * np.arange(1, 5)[:, None]
-    np.testing.assert_array_equal(outline_pixels(depth, number, depth > 0, 0.024 / JUMP, 1), [rim + 6 - 2])

@@ -238,8 +238,7 @@ def test_an_estimate_that_has_moved_a_little_since_is_not_elsewhere_than_its_own
 
 
 def test_a_long_chain_is_told_where_its_draws_have_it() -> None:
-    """Each joint alone is loose, but not the parts: the middle of all is a place as good as most draws, and its links
-    are where they are."""
+    """Joints are loose, but not the parts: the middle of all is a place as good as most draws, its links in place."""
     model = worlds.hinged_chain(12, 0.06)
     root, joints = at(3.0, 0.0, -0.3, 0.3), 0.25 * np.cos(np.arange(model.dof))
     seen = worlds.seen(model, root, joints, worlds.camera_at((0.0, 0.0, 0.3), (3.0, 0.0, 0.1)))

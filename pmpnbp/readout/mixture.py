@@ -19,9 +19,8 @@ from that middle.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import repeat
 
 import numpy as np
 
@@ -62,13 +61,13 @@ def of_estimate(problem: Problem, report: IterationReport, checkpoint: Checkpoin
     root, joints = agreeing(problem, report)
     rng = np.random.default_rng([problem.seed, report.iteration, 1])
     own = _drawn_about(rng, problem, report, root, joints, confirmation(problem, root, joints), checkpoint)
-    places, reaches, least = [own], [mode_reach(problem, own)], repeat(least_reach(problem))
+    places, reaches = [own], [mode_reach(problem, own)]
     checkpoint()
     for root_there, joints_there, seen, apart in contenders(rng, problem, report, own, reaches[0]):
         if len(places) < MODES and _is_new(problem, places, reaches, root_there, joints_there):
             place = _drawn_about(rng, problem, report, root_there, joints_there, seen, checkpoint, apart=apart)
             # its draws may have led back to one that is known
-            if _is_new(problem, places, least, place.root, place.joints):
+            if _is_new(problem, places, [least_reach(problem)] * len(places), place.root, place.joints):
                 places.append(place)
                 reaches.append(mode_reach(problem, place))
     checkpoint()
@@ -96,12 +95,12 @@ def motions(problem: Problem, root: Array, joints: Array, roots: Array, others: 
 
 
 def _is_new(
-    problem: Problem, places: list[Place], reaches: Iterable[Array | float], root: Array, joints: Array
+    problem: Problem, places: list[Place], reaches: Sequence[Array | float], root: Array, joints: Array
 ) -> bool:
     """Whether a configuration (7,), (D,) is of none of the modes, each of which has its reach, (N,) or of all parts."""
     return not any(
         np.all(strayed(problem, place.root, place.joints, root, joints) <= reach)
-        for place, reach in zip(places, reaches, strict=False)
+        for place, reach in zip(places, reaches, strict=True)
     )
 
 

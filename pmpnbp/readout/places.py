@@ -36,8 +36,8 @@ SAME, SAME_BEND, DEVIATIONS = 0.01, 0.003, 4.0
 BENT = 48
 # Another thing of the same kind is looked for in the best so many rivals whose middle is farther off than this, in
 # radii of the largest part; it explains other pixels, but for this share. Before it is polished it may share twice as
-# much, and its score is FAINT of the estimate's at the least: on seeds 44 to 79 those that were good fits then shared
-# none at all, and had 0.43.
+# much, and its score is FAINT of the estimate's at the least: those that were good fits then shared none at all, on
+# seeds 44 to 73, and had 0.43, on seeds 44 to 79.
 OTHERS, APART, SHARED, FAINT = 2, 0.5, 0.3, 0.15
 
 

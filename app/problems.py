@@ -19,7 +19,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from pmpnbp.errors import DamageError, DiskFullError, IterationError, PmpnbpError
+from pmpnbp.errors import DamageError, DiskFullError, IterationError, PmpnbpError, RecordingError
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -43,8 +43,13 @@ MEANINGS: Mapping[int, str] = {
     507: "The data directory is full; nothing was changed.",
 }
 
-# Errors of the library that are not the caller's input, which all others are: 422.
-_STATUSES: Mapping[type[PmpnbpError], int] = {IterationError: 404, DamageError: 409, DiskFullError: 507}
+# Errors of the library that are not the caller's input, which all others are: 422. The first that fits counts.
+_STATUSES: Mapping[type[PmpnbpError], int] = {
+    IterationError: 404,
+    DamageError: 409,
+    DiskFullError: 507,
+    RecordingError: 409,
+}
 
 
 class Problem(BaseModel):

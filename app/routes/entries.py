@@ -51,7 +51,7 @@ def entry_routes(
         summary=f"Upload a {noun}",
         description=upload,
         responses=answer("Taken in, and safe on the disk.", status=201, model=schema, headers=_NEW)
-        | responses(408, 409, 413, 415, 507),
+        | responses(408, 409, 413, 415, 507, status_503="The process that reads it was killed; send it again."),
         openapi_extra=form,
     )
     async def create(request: Request, response: Response) -> Any:

@@ -44,7 +44,9 @@ def create_session(
     fingerprint = hashlib.sha256(body.model_dump_json().encode()).hexdigest()
     members = body.model_dump()
     document = store.idempotency.once(
-        call_key(f"POST {path}", idempotency_key), fingerprint, lambda: sessions_of(request).create(members).status()
+        call_key(f"POST {path}", idempotency_key),
+        fingerprint,
+        lambda call: sessions_of(request).create(members, call).status(),
     )
     response.headers["Location"] = f"{path}/{document['id']}"
     return document

@@ -40,6 +40,8 @@ Kind = TypeVar("Kind")
 
 # Iterations after which a session lets one that waits have its slot.
 TURN = 10
+# In the session's folder.
+RECORDING = "recording.sqlite"
 
 _log = logging.getLogger("pmpnbp.server")
 
@@ -54,7 +56,7 @@ class Session(Source):
         self._store = store
         self._slots = slots
         self._document = document
-        archive = IterationArchive(store.session_folder(id) / "recording.sqlite", f"session '{id}'")
+        archive = IterationArchive(store.session_folder(id) / RECORDING, f"session '{id}'")
         super().__init__(id, Events(first, first, self._reserve), archive)
         self._lock = threading.RLock()
         self._worker = Worker(f"session-{id}", self._pursue_goal, archive.abandon, partial(slots.nudge, self))
@@ -76,6 +78,10 @@ class Session(Source):
         self._inference.begin(problem, inputs, documents.criteria(self._document))
         with self._lock:
             self._error, self._target = None, int(self._document.get("iterations") or 0)
+
+    def landed(self) -> None:
+        """Its folder is where it stays: until then what `begin` made was nobody else's."""
+        self.archive.moved(self._store.session_folder(self.id) / RECORDING)
 
     def recover(self) -> None:
         """Take up what the recording has, after a restart. Where it is damaged the session is there, as failed."""

@@ -20,6 +20,7 @@ from app.sessions.session import Session
 from app.sessions.source import Source
 from app.sessions.uploaded import UploadedRecording
 from app.sessions.worker import share_interpreter
+from app.store.idempotency import Call
 from app.store.store import Store
 from app.uploads.parsers import Parsers
 from pmpnbp.errors import DiskFullError
@@ -54,11 +55,12 @@ class Sessions:
             with self._lock:
                 self._sessions[id] = session
 
-    def create(self, body: Mapping[str, Any]) -> Session:
+    def create(self, body: Mapping[str, Any], call: Call | None = None) -> Session:
         """A new session at iteration 0.
 
-        body : `model_id`, `scan_ids` and what DEFAULTS has, which stands for what is left out. Raises PmpnbpError for
-        what does not fit together; HttpProblem 404 for a model or scan that is not here, 429 for one session too many.
+        body : `model_id`, `scan_ids` and what DEFAULTS has, which stands for what is left out; call : to which the
+        session's status is the answer. Raises PmpnbpError for what does not fit together; HttpProblem 404 for a model
+        or scan that is not here, 429 for one session too many.
         """
         unknown = set(body) - set(DEFAULTS) - {"model_id", "scan_ids"}
         if unknown:
@@ -82,7 +84,7 @@ class Sessions:
                 )
             self._coming += 1
         try:
-            return self._create(document)
+            return self._create(document, call)
         finally:
             with self._lock:
                 self._coming -= 1
@@ -180,17 +182,13 @@ class Sessions:
                 self._recorded[id] = found
             return found
 
-    def _create(self, document: Document) -> Session:
+    def _create(self, document: Document, call: Call | None) -> Session:
         problem, inputs = prepare(self._store, document)
-        id = self._store.create_session(document)
-        try:
-            full = next(found for known, found in self._store.sessions() if known == id)
-            assert full is not None
-            session = Session(id, self._store, full, self._slots)
+        with self._store.session_draft(document) as draft:
+            session = Session(draft["id"], self._store, draft, self._slots)
             session.begin(problem, inputs)
-        except BaseException:
-            self._store.delete("sessions", id)
-            raise
+            self._store.land_session(session.id, session.status(), call)
+        session.landed()
         with self._lock:
-            self._sessions[id] = session
+            self._sessions[session.id] = session
         return session

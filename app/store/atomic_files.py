@@ -10,6 +10,7 @@ import json
 import os
 import shutil
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,10 @@ from pmpnbp.errors import full_disk_told
 
 
 def create_folder(
-    partial: Path, place: Path, files: Mapping[str, Path], document_name: str, document: Mapping[str, Any]
+    partial: Path, place: Path, files: Mapping[str, Path], documents: Mapping[str, Mapping[str, Any]]
 ) -> int:
-    """Make the folder `place` of `files` (name in it: file to move there) and `document` as JSON; its size in bytes.
+    """Make the folder `place` of `files` (name in it: file to move there) and `documents` (name in it: what it holds as
+    JSON); its size in bytes.
 
     partial : a folder that does not exist, on the same file system; gone afterwards, also after an error
     """
@@ -28,15 +30,24 @@ def create_folder(
             partial.mkdir()
             for name, source in files.items():
                 os.replace(source, partial / name)
-                sync(partial / name)
-            write_json(partial / document_name, document)
-            sync(partial)
-            size = sum(path.stat().st_size for path in partial.iterdir())
-            os.rename(partial, place)
-            sync(place.parent)
-            return size
+            return land_folder(partial, place, documents)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+def land_folder(partial: Path, place: Path, documents: Mapping[str, Mapping[str, Any]]) -> int:
+    """Put the folder `partial` at `place`, with `documents` in it as JSON; its size in bytes. An error leaves it where
+    it is."""
+    with full_disk_told():
+        for path in sorted(partial.iterdir()):
+            sync(path)
+        for name, document in documents.items():
+            write_json(partial / name, document)
+        sync(partial)
+        size = sum(path.stat().st_size for path in partial.iterdir())
+        os.rename(partial, place)
+        sync(place.parent)
+        return size
 
 
 def replace_json(partial: Path, place: Path, document: Mapping[str, Any]) -> None:
@@ -53,7 +64,8 @@ def replace_json(partial: Path, place: Path, document: Mapping[str, Any]) -> Non
 
 def remove_folder(partial: Path, place: Path) -> None:
     """Take the folder `place` away in one step, by way of the name `partial`."""
-    os.rename(place, partial)
+    with suppress(FileNotFoundError):  # somebody else has
+        os.rename(place, partial)
     sync(place.parent)
     shutil.rmtree(partial, ignore_errors=True)
 

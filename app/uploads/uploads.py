@@ -12,7 +12,7 @@ from fastapi import Request, Response
 
 from app.problems import HttpProblem
 from app.server_config import ServerConfig
-from app.store.idempotency import call_key
+from app.store.idempotency import Call, call_key
 from app.store.store import Document, Kind, Staging, Store
 from app.uploads.multipart import Upload, receive
 from app.uploads.parsers import Parsers
@@ -52,7 +52,7 @@ class Uploads:
             async with self._slot():
                 # waited for even where the client goes away: `staging` has to outlive it
                 document = await anyio.to_thread.run_sync(
-                    self._store.idempotency.once, key, fingerprint, lambda: self._read(kind, upload, staging)
+                    self._store.idempotency.once, key, fingerprint, lambda call: self._read(kind, upload, staging, call)
                 )
         response.headers["Location"] = f"{path}/{document['id']}"
         response.headers["ETag"] = etag(document)
@@ -75,7 +75,7 @@ class Uploads:
         finally:
             self._slots.release()
 
-    def _read(self, kind: Kind, upload: Upload, staging: Staging) -> Document:
+    def _read(self, kind: Kind, upload: Upload, staging: Staging, call: Call | None) -> Document:
         beside = staging.folder / "beside"
         beside.mkdir()
         camera, out = None, beside / "scan.npz"
@@ -85,7 +85,7 @@ class Uploads:
         summary = self._parsers.parse(kind, upload.path, out, camera)
         if kind == "scans":
             staging.claim(out.stat().st_size)
-        return self._store.add(kind, out if kind == "scans" else upload.path, upload.file_name, summary)
+        return self._store.add(kind, out if kind == "scans" else upload.path, upload.file_name, summary, call)
 
 
 def etag(document: Document) -> str:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-import sqlite3
 import threading
 from bisect import bisect_right
 from collections.abc import Callable
@@ -108,6 +107,10 @@ class IterationArchive:
                 return recording.changes(last)
 
     # Writing
+
+    def moved(self, path: Path) -> None:
+        """The recording lies at `path` from now on; nobody has it open."""
+        self.path, self._readers = path, Readers(path)
 
     def begin(self, inputs: Inputs, step: Step, snapshot: Snapshot) -> None:
         """Put a new recording, with iteration 0, in the place of the one that may be there."""
@@ -256,22 +259,20 @@ class IterationArchive:
             return run.resumed(recording.state(at), self._recent(recording, at, since, problem), problem)
 
     def copy_to(self, path: Path) -> None:
-        """A consistent copy of the recording as one file, also while it is being written, and of a damaged one where
-        it can be copied. Raises DamageError."""
+        """A consistent copy as one file, also of a recording that is written, or damaged. Raises DamageError."""
         with full_disk_told():
             if self._foreign_row is not None:
                 shutil.copyfile(self.path, path)
-                return
-            try:
+            else:
                 back_up(self.path, path)
-            except sqlite3.DatabaseError:
-                self.check()
-                raise
 
     def _changes_before(self, iteration: int) -> int:
         return sum(after < iteration for after in self._changes_after)
 
     def _writing(self) -> RecordingWriter:
+        if not self.path.exists():
+            self.damage = f"somebody has removed its {self.path.name}"
+            self.check()
         if self._writer is None:
             self._writer = RecordingWriter.appending(self.path)
         return self._writer
@@ -345,6 +346,5 @@ class IterationArchive:
         # of the many that may be at rest the newest alone: each takes longer than an iteration
         told = converged and iteration == self._last
         posterior = self._posterior(recording, recent[-1], iteration if told else None)
-        return self._read_out(
-            recent[-1], posterior, converged=converged, elapsed=elapsed, event=event_of(iteration)
-        ).row
+        event = event_of(iteration)
+        return self._read_out(recent[-1], posterior, converged=converged, elapsed=elapsed, event=event).row

@@ -13,7 +13,7 @@ from urllib.parse import quote
 
 from numpy.typing import NDArray
 
-from pmpnbp.errors import RecordingError
+from pmpnbp.errors import DamageError, RecordingError
 from pmpnbp.inference.belief import IterationReport, State
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.posterior import Posterior
@@ -168,7 +168,7 @@ class Recording:
 
     def _open(self) -> sqlite3.Connection:
         if not self._path.is_file():
-            raise RecordingError(f"recording '{self.name}' is not there")
+            raise DamageError(f"recording '{self.name}' is not there")
         address = f"file:{quote(str(self._path.absolute()))}?mode=ro"
         log = self._path.with_name(self._path.name + "-wal")
         # in a folder that cannot be written SQLite finds no place for its index; without a log it needs none

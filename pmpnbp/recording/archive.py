@@ -261,7 +261,7 @@ class IterationArchive:
     def copy_to(self, path: Path) -> None:
         """A consistent copy as one file, also of a recording that is written, or damaged. Raises DamageError."""
         with full_disk_told():
-            if self._foreign_row is not None:
+            if self._foreign_row is not None and self.path.is_file():
                 shutil.copyfile(self.path, path)
             else:
                 back_up(self.path, path)

@@ -19,7 +19,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from pmpnbp.errors import DamageError, DiskFullError, IterationError, PmpnbpError, RecordingError
+from pmpnbp.errors import DamageError, IterationError, PmpnbpError, RecordingError, StorageError
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -40,14 +40,14 @@ MEANINGS: Mapping[int, str] = {
     429: "Too many requests, sessions or clients; try again after `Retry-After` seconds.",
     500: "A fault of the server.",
     503: "Not ready yet.",
-    507: "The data directory is full; nothing was changed.",
+    507: "The data directory is full, or cannot be written; nothing was changed.",
 }
 
 # Errors of the library that are not the caller's input, which all others are: 422. The first that fits counts.
 _STATUSES: Mapping[type[PmpnbpError], int] = {
     IterationError: 404,
     DamageError: 409,
-    DiskFullError: 507,
+    StorageError: 507,
     RecordingError: 409,
 }
 

@@ -22,7 +22,7 @@ from app.routes.parameters import Iteration, Link, SessionId, find_source, read,
 from app.routes.recordings import MEDIA_TYPE
 from app.sessions.source import Source
 from app.store.store import safe_name
-from pmpnbp.errors import full_disk_told
+from pmpnbp.errors import storage_told
 from pmpnbp.geometry import poses
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.coordinates import coordinates
@@ -265,7 +265,7 @@ def get_recording_of_session(session_id: SessionId, request: Request) -> Streami
     # the copy has no name any more when it is sent: nothing is left of it, however the call ends
     session = sessions_of(request).get(session_id)
     title = safe_name(f"{session.status()['name'] or session.id}.sqlite")
-    with full_disk_told(), TemporaryDirectory(dir=request.app.state.store.root / "incoming") as folder:
+    with storage_told(), TemporaryDirectory(dir=request.app.state.store.root / "incoming") as folder:
         copy = FilePath(folder) / "recording.sqlite"
         session.archive.copy_to(copy)
         file = copy.open("rb")

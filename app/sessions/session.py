@@ -28,7 +28,7 @@ from app.sessions.run_queue import RunQueue
 from app.sessions.source import Source, no_view
 from app.sessions.worker import Worker
 from app.store.store import Store
-from pmpnbp.errors import DiskFullError, PmpnbpError, RecordingError
+from pmpnbp.errors import PmpnbpError, RecordingError, StorageError
 from pmpnbp.inference.arrival import ScanMode
 from pmpnbp.inference.problem import Problem
 from pmpnbp.json_text import json_bytes
@@ -278,7 +278,7 @@ class Session(Source):
             self._document["events"] = limit
             try:
                 self._store.write_session(self.id, self._document)
-            except (HttpProblem, DiskFullError):  # a full disk: clients may see numbers again after a restart
+            except (HttpProblem, StorageError):  # a full disk: clients may see numbers again after a restart
                 _log.warning("session %s: the numbers of its events could not be written down", self.id)
 
     # Commands, in the thread

@@ -23,7 +23,7 @@ from app.sessions.worker import share_interpreter
 from app.store.idempotency import Call
 from app.store.store import Store
 from app.uploads.parsers import Parsers
-from pmpnbp.errors import DiskFullError
+from pmpnbp.errors import StorageError
 from pmpnbp.settings import SessionOptions
 
 # A session as it is asked for, where nothing is said.
@@ -157,7 +157,7 @@ class Sessions:
         if found is None:
             try:
                 found = self.sample("open", parsers)
-            except (HttpProblem, DiskFullError) as problem:
+            except (HttpProblem, StorageError) as problem:
                 _log.warning("no sample session is opened: %s", problem)
                 return None
         status = found.status()

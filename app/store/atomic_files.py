@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from pmpnbp.errors import full_disk_told
+from pmpnbp.errors import storage_told
 
 
 def create_folder(
@@ -26,7 +26,7 @@ def create_folder(
     partial : a folder that does not exist, on the same file system; gone afterwards, also after an error
     """
     try:
-        with full_disk_told():
+        with storage_told():
             partial.mkdir()
             for name, source in files.items():
                 os.replace(source, partial / name)
@@ -38,7 +38,7 @@ def create_folder(
 def land_folder(partial: Path, place: Path, documents: Mapping[str, Mapping[str, Any]]) -> int:
     """Put the folder `partial` at `place`, with `documents` in it as JSON; its size in bytes. An error leaves it where
     it is."""
-    with full_disk_told():
+    with storage_told():
         for path in sorted(partial.iterdir()):
             sync(path)
         for name, document in documents.items():
@@ -54,7 +54,7 @@ def replace_json(partial: Path, place: Path, document: Mapping[str, Any]) -> Non
     """Make the file `place` hold `document`, by way of the file `partial`: at any instant it holds the old or the new
     one."""
     try:
-        with full_disk_told():
+        with storage_told():
             write_json(partial, document)
             os.replace(partial, place)
             sync(place.parent)

@@ -36,7 +36,7 @@ from app.store import atomic_files
 from app.store.disk_room import DiskRoom, folder_size
 from app.store.idempotency import ANSWER, Call, IdempotencyKeys
 from app.store.stored_scan import read_scan
-from pmpnbp.errors import PmpnbpError, full_disk_told
+from pmpnbp.errors import PmpnbpError, storage_told
 from pmpnbp.scene.observation import Scan
 
 Document = dict[str, Any]
@@ -61,7 +61,7 @@ class Staging:
     claimed: int = 0
 
     def claim(self, count: int) -> None:
-        """Set `count` bytes aside before they are written. Raises HttpProblem 507, DiskFullError."""
+        """Set `count` bytes aside before they are written. Raises HttpProblem 507, StorageError."""
         self.room.claim(count)
         self.claimed += count
 
@@ -116,7 +116,7 @@ class Store:
     def staging(self) -> Iterator[Staging]:
         """A folder for an upload, removed at the end with whatever is still in it."""
         folder = self._incoming / f"{_new_id()}.upload"
-        with full_disk_told():
+        with storage_told():
             folder.mkdir()
         staging = Staging(folder, self._room)
         try:
@@ -175,7 +175,7 @@ class Store:
             self._drafts[id] = draft  # from here on what it uses cannot be deleted
         folder = self.session_folder(id)
         try:
-            with full_disk_told():
+            with storage_told():
                 folder.mkdir()
             yield copy.deepcopy(draft)
         finally:

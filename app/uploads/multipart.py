@@ -17,7 +17,7 @@ from starlette.requests import ClientDisconnect
 
 from app.problems import HttpProblem
 from app.store.store import Staging, safe_name
-from pmpnbp.errors import DiskFullError, full_disk_told
+from pmpnbp.errors import StorageError, storage_told
 
 # Written at once; bounds what an upload takes of the server's memory.
 _CHUNK = 1 << 20
@@ -59,7 +59,7 @@ async def receive(request: Request, staging: Staging, max_bytes: int, fields: tu
     `fields`, as text.
 
     Raises HttpProblem: 400 malformed, 408 silence, 413 larger than `max_bytes`, 415 no form, 422 parts that are
-    missing or unknown, 507 no room; DiskFullError.
+    missing or unknown, 507 no room; StorageError.
     """
     kind, options = parse_options_header(request.headers.get("content-type"))
     if kind != b"multipart/form-data":
@@ -74,8 +74,8 @@ async def receive(request: Request, staging: Staging, max_bytes: int, fields: tu
         if length.isdecimal() and int(length) > max_bytes + _LARGEST_FIELD + _LARGEST_FRAME:
             raise too_large(max_bytes)
         return await _Form(boundary, staging, max_bytes, fields).read(stream)
-    except (HttpProblem, DiskFullError) as problem:
-        if isinstance(problem, DiskFullError) or problem.status in (413, 422, 507):
+    except (HttpProblem, StorageError) as problem:
+        if isinstance(problem, StorageError) or problem.status in (413, 422, 507):
             await _drain(stream)
         raise
     except ClientDisconnect:
@@ -143,7 +143,7 @@ class _Form:
     def _append(self, pending: bytearray) -> None:
         assert self._path is not None
         self._staging.claim(len(pending))
-        with full_disk_told(), self._path.open("ab") as file:
+        with storage_told(), self._path.open("ab") as file:
             file.write(pending)
         self._hash.update(pending)
 

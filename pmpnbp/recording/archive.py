@@ -15,7 +15,7 @@ from pathlib import Path
 
 from cachetools import LRUCache
 
-from pmpnbp.errors import DamageError, IterationError, RecordingError, full_disk_told
+from pmpnbp.errors import DamageError, IterationError, RecordingError, storage_told
 from pmpnbp.inference import run
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
@@ -116,7 +116,7 @@ class IterationArchive:
         """Put a new recording, with iteration 0, in the place of the one that may be there."""
         self.close()
         new = self.path.with_name(self.path.name + ".new")
-        with full_disk_told():
+        with storage_told():
             with RecordingWriter(new, inputs, snapshot.problem.mrf.model) as writer:
                 writer.write(step.report, step.state, snapshot.row_text.decode())
             replace_recording(new, self.path)
@@ -140,7 +140,7 @@ class IterationArchive:
 
     def change(self, change: Change, problem: Problem) -> None:
         """Write a change, of which the next iterations are made with `problem`; returns once it is in the file."""
-        with full_disk_told():
+        with storage_told():
             writer = self._writing()
             writer.change(change)
             writer.flush()
@@ -260,7 +260,7 @@ class IterationArchive:
 
     def copy_to(self, path: Path) -> None:
         """A consistent copy as one file, also of a recording that is written, or damaged. Raises DamageError."""
-        with full_disk_told():
+        with storage_told():
             if self._foreign_row is not None and self.path.is_file():
                 shutil.copyfile(self.path, path)
             else:

@@ -12,7 +12,7 @@ import sqlite3
 from pathlib import Path
 from typing import Any
 
-from pmpnbp.errors import DamageError, RecordingError
+from pmpnbp.errors import DamageError, RecordingError, why_not_written
 from pmpnbp.recording.changes import change_rows
 from pmpnbp.recording.reader import Recording
 from pmpnbp.recording.schema import ADDED_TABLES, APPLICATION_ID, TABLES, VERSION
@@ -92,7 +92,7 @@ def back_up(path: Path, copy: Path) -> None:
             source.backup(target)
             target.execute("PRAGMA journal_mode = DELETE")
     except sqlite3.DatabaseError as error:
-        if error.sqlite_errorcode == sqlite3.SQLITE_FULL:
+        if why_not_written(error) is not None and path.exists():
             raise
         raise DamageError(f"recording '{path.name}' cannot be copied: {error}") from None
 

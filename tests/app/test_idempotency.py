@@ -15,7 +15,7 @@ from app.problems import HttpProblem
 from app.store import atomic_files
 from app.store.idempotency import ANSWER, KEEP_SECONDS, Call, IdempotencyKeys, call_key
 from app.store.store import Store
-from pmpnbp.errors import DiskFullError
+from pmpnbp.errors import StorageError
 
 ROOM = 1 << 24
 
@@ -72,7 +72,7 @@ def test_a_call_that_failed_may_be_made_again(store: Store, monkeypatch: pytest.
 
     with monkeypatch.context() as patch:
         patch.setattr(atomic_files, "write_json", full)  # where its answer cannot be kept, nor can what it made
-        with pytest.raises(DiskFullError):
+        with pytest.raises(StorageError):
             uploaded(store)
     assert store.documents("models") == []
     assert [uploaded(store)] == store.documents("models")

@@ -18,7 +18,7 @@ from app.problems import HttpProblem
 from app.store.disk_room import folder_size
 from app.store.store import Kind, Store, StoreError
 from app.store.stored_scan import read_scan, write_scan
-from pmpnbp.errors import DiskFullError
+from pmpnbp.errors import StorageError
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.scan_files import load_scan
@@ -187,13 +187,13 @@ def test_a_full_disk_is_said_and_changes_nothing(call: str, store: Store, monkey
         write_scan(staging.folder / "scan.npz", SCAN)
         with monkeypatch.context() as patch:
             patch.setattr(*((Path, "mkdir") if call == "mkdir" else (os, call)), full)
-            with pytest.raises(DiskFullError, match="is full; nothing was changed"):
+            with pytest.raises(StorageError, match="is full; nothing was changed"):
                 store.add("scans", staging.folder / "scan.npz", "b.pcd", {})
             if call in ("replace", "fsync"):
-                with pytest.raises(DiskFullError, match="is full"):
+                with pytest.raises(StorageError, match="is full"):
                     store.write_session(session, {"name": "new"})
             if call != "replace":  # which moves no file of a session
-                with pytest.raises(DiskFullError, match="is full"):
+                with pytest.raises(StorageError, match="is full"):
                     create_session(store, {"name": "new"})
     assert (store.documents("models"), store.documents("scans"), store.sessions(), store.used_bytes()) == before
     store = reopened(store)

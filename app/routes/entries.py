@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field
 
 from app.documentation import answer
 from app.problems import responses
-from app.store.store import KINDS, Document, Kind, Store
+from app.store.store import KINDS, Kind, Store
 from app.uploads.uploads import Uploads, etag, unchanged
 
 _ETAG = {"ETag": {"description": "of the entry, which never changes", "schema": {"type": "string"}}}
@@ -81,8 +81,8 @@ def entry_routes(
     def get(id: Annotated[str, Path(alias=f"{noun}_id")], request: Request, response: Response) -> Any:
         """An entry's document, or 304."""
         document = store_of(request).document(kind, id)
-        if unchanged(request, document):
-            return not_modified(document)
+        if unchanged(request, etag(document)):
+            return not_modified(etag(document))
         response.headers["ETag"] = etag(document)
         return document
 
@@ -127,6 +127,6 @@ def store_of(request: Request) -> Store:
     return request.app.state.store
 
 
-def not_modified(document: Document) -> Response:
+def not_modified(tag: str) -> Response:
     """The answer 304."""
-    return Response(status_code=304, headers={"ETag": etag(document)})
+    return Response(status_code=304, headers={"ETag": tag})

@@ -76,7 +76,16 @@ class _Figures(Collector):
         yield GaugeMetricFamily("pmpnbp_uptime_seconds", "since the server was started", time.time() - _STARTED)
         yield GaugeMetricFamily("pmpnbp_resident_memory_bytes", "of the server's process", _resident_bytes())
         yield GaugeMetricFamily("pmpnbp_stored_bytes", "in the data directory", state.store.used_bytes())
-        yield GaugeMetricFamily("pmpnbp_clients", "requests, streams and 3D views now open", state.traffic.connected)
+        yield GaugeMetricFamily(
+            "pmpnbp_clients", "requests, streams and 3D views now open", state.traffic.connected.all
+        )
+        yield GaugeMetricFamily("pmpnbp_connections", "open, idle ones among them", len(state.connections))
+        ended = CounterMetricFamily(
+            "pmpnbp_connections_ended", "refused, or ended by the server, by reason", labels=["reason"]
+        )
+        for reason, count in sorted(state.connections.ended.items()):
+            ended.add_metric([reason], count)
+        yield ended
         requests = CounterMetricFamily(
             "pmpnbp_http_requests", "requests answered, by method and status", labels=["method", "status"]
         )

@@ -11,6 +11,7 @@ import anyio.to_thread
 from fastapi import Request, Response
 
 from app.problems import HttpProblem
+from app.rate_limit import Shares, client_of
 from app.server_config import ServerConfig
 from app.store.idempotency import Call, call_key
 from app.store.store import Document, Kind, Staging, Store
@@ -36,13 +37,29 @@ class Uploads:
         self._config = config
         self._parsers = parsers
         self._slots = asyncio.Semaphore(AT_ONCE)
+        self._under_way = Shares()
 
     async def take_in(self, request: Request, response: Response, kind: Kind) -> Document:
         """The entry that the form of `request` makes in the store's folder `kind`; sets Location and ETag.
 
         The same call again, told by its Idempotency-Key, makes no second entry. Raises HttpProblem as
-        `multipart.receive`, `Parsers.parse` and the store do; 429 where too many uploads wait to be read.
+        `multipart.receive`, `Parsers.parse` and the store do; 429 where too many uploads come in or wait to be read.
         """
+        client = client_of(request.scope)
+        self._check_shares(client)
+        with self._under_way.one(client):
+            return await self._taken_in(request, response, kind)
+
+    def _check_shares(self, client: str) -> None:
+        detail = None
+        if self._under_way.each[client] >= self._config.max_uploads_each:
+            detail = f"{self._config.max_uploads_each} uploads of this client are under way already (max_uploads_each)"
+        elif self._under_way.all >= self._config.max_uploads:
+            detail = f"{self._config.max_uploads} uploads are under way already (max_uploads)"
+        if detail is not None:
+            raise HttpProblem(429, f"{detail}; send this one again later", headers={"Retry-After": "5"})
+
+    async def _taken_in(self, request: Request, response: Response, kind: Kind) -> Document:
         path = f"/api/v1/{kind}"
         key = call_key(f"POST {path}", request.headers.get("idempotency-key"))
         with self._store.staging() as staging:
@@ -93,8 +110,8 @@ def etag(document: Document) -> str:
     return f'"{document["sha256"]}"'
 
 
-def unchanged(request: Request, document: Document) -> bool:
-    """Whether the client says, by If-None-Match, that it has the entry already."""
+def unchanged(request: Request, tag: str) -> bool:
+    """Whether the client says, by If-None-Match, that it has what `tag` is the entity tag of."""
     given = request.headers.get("if-none-match", "")
-    tags = [tag.strip().removeprefix("W/") for tag in given.split(",")]
-    return "*" in tags or etag(document) in tags
+    tags = [one.strip().removeprefix("W/") for one in given.split(",")]
+    return "*" in tags or tag in tags

@@ -13,7 +13,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pmpnbp.errors import full_disk_told
+from pmpnbp.errors import PmpnbpError, full_disk_told
+from pmpnbp.json_text import read_json as parsed
 
 
 def create_folder(
@@ -59,9 +60,13 @@ def remove_folder(partial: Path, place: Path) -> None:
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Write and sync `document` to the disk."""
-    with path.open("w", encoding="utf-8") as file:
-        json.dump(document, file, ensure_ascii=True, allow_nan=False, indent=1)
+    """Write and sync `document` to the disk. Raises PmpnbpError where it holds what nobody can tell."""
+    try:
+        content = json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1).encode()
+    except UnicodeEncodeError:
+        raise PmpnbpError("the entry holds half of a surrogate pair, such as '\\ud800'; expected text") from None
+    with path.open("wb") as file:
+        file.write(content)
         file.flush()
         os.fsync(file.fileno())
 
@@ -69,8 +74,8 @@ def write_json(path: Path, document: Mapping[str, Any]) -> None:
 def read_json(path: Path) -> dict[str, Any] | None:
     """The object in a JSON file, or None where there is no whole one."""
     try:
-        document = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError):
+        document = parsed(path.read_bytes().decode())
+    except (OSError, ValueError):
         return None
     return document if isinstance(document, dict) else None
 

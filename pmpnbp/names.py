@@ -12,6 +12,8 @@ _NOT_IN_NAMES = ("Cc", "Cs", "Zl", "Zp")
 
 def name_fault(name: str) -> str | None:
     """What keeps `name` from being a name, to be said behind it; None where nothing does."""
+    if name in (".", ".."):
+        return "is a step of a path, which no address can hold"
     if len(name) > LONGEST_NAME:
         return f"has {len(name)} characters; expected at most {LONGEST_NAME}"
     odd = next((character for character in name if unicodedata.category(character) in _NOT_IN_NAMES), None)

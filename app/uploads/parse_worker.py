@@ -28,8 +28,6 @@ from pmpnbp.names import name_fault
 
 # Of one file: a mesh that a zip unpacks to, or the scan that is written.
 LARGEST_OUTPUT = 512 << 20
-# Of all scans of a recording, which the server keeps while it is looked at: thirty-two of two million pixels.
-LARGEST_SCANS = 256 << 20
 Job = dict[str, Any]
 Summary = dict[str, Any]
 
@@ -152,7 +150,9 @@ def _recording(job: Job, open_recording: Callable[[Path], Any], last_shown: Call
         for change in recording.changes(last):
             recording.problem(change.after_iteration)
             scans += [] if change.scan is None else [change.scan]
-        _check_scans(path.name, scans)
+        for number, scan in enumerate(scans):
+            if fault := name_fault(scan.frame_id):
+                raise RecordingError(f"the frame of scan {number} of recording '{path.name}' {fault}")
         with suppress(RecordingError):
             recording.summaries()
         return {
@@ -167,15 +167,6 @@ def _recording(job: Job, open_recording: Callable[[Path], Any], last_shown: Call
             "last_iteration": iterations[-1],
             "notes": _notes(recording, last),
         }
-
-
-def _check_scans(name: str, scans: list[Any]) -> None:
-    """Whether the frames of a recording's scans have names, and the server can keep all that it was given."""
-    for number, scan in enumerate(scans):
-        if fault := name_fault(scan.frame_id):
-            raise RecordingError(f"the frame of scan {number} of recording '{name}' {fault}")
-    if sum(scan.depth.nbytes for scan in scans) > LARGEST_SCANS:
-        raise RecordingError(f"the scans of recording '{name}' take more than {LARGEST_SCANS >> 20} MiB")
 
 
 def _notes(recording: Any, last: int) -> list[str]:

@@ -5,11 +5,15 @@ A session may come to a hundred thousand iterations; a table of ten million note
 
 from __future__ import annotations
 
+import json
+import math
 import sqlite3
 from contextlib import suppress
 
 # Bytes of one text or name; a row of the trace about a thousand links takes less.
 LONGEST_TEXT = 4 << 20
+# Pixels of all scans, which are kept while a recording is looked at: thirty-two of two million each.
+MOST_PIXELS = 64 << 20
 # By table: rows, what is measured of each, and the bytes that these come to in all.
 _MOST = {
     "inputs": (100, "length(name) + length(value)", 16 << 20),
@@ -32,4 +36,16 @@ def excess(connection: sqlite3.Connection) -> str | None:
         if count > rows or total > most:
             limit = f"{rows} rows" if count > rows else f"{most} bytes"
             return f"more than {limit} of {table}"
+    if _pixels(connection) > MOST_PIXELS:
+        return f"more than {MOST_PIXELS} pixels of scans"
     return None
+
+
+def _pixels(connection: sqlite3.Connection) -> int:
+    """Of all scans, by what they say of their shapes; what says otherwise cannot be read later."""
+    total = 0
+    with suppress(sqlite3.DatabaseError):
+        for (shape,) in connection.execute("SELECT shape FROM scans"):
+            with suppress(ValueError, TypeError):
+                total += abs(math.prod(json.loads(shape)))
+    return total

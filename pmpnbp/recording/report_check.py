@@ -68,7 +68,7 @@ def _messages_fit(problem: Problem, report: IterationReport, messages: Messages)
         and np.array_equal(messages.receiver, problem.mrf.receiver)
         and all(_numbers(array, (edges, samples)) for array in factors)
         and are_poses(messages.poses, (edges, samples, 7))
-        and _numbers(messages.joint_draw, (edges, samples, problem.mrf.axes_per_edge))
+        and are_numbers(messages.joint_draw, (edges, samples, problem.mrf.axes_per_edge))
         and report.log_message_shares.shape[2] == shares
         and _shares_have_samples(report.log_message_shares, samples)
     )

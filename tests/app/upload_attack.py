@@ -128,6 +128,7 @@ def attack(client: httpx.Client, count: int, seed: int, say: Callable[[str], Non
             outcome.failures.append(f"valid {sample.file_name} was answered {answer.status_code}: {answer.text}")
             return outcome
         before[f"/api/v1/{sample.kind}/{answer.json()['id']}"] = answer.json()
+        outcome.failures += objections_to_reads(client, sample.kind, answer.json()["id"])
     source = mutations(rng)
     for _ in range(20):  # what the first calls make a process load is no growth
         send(client, next(source))
@@ -151,7 +152,8 @@ def attack(client: httpx.Client, count: int, seed: int, say: Callable[[str], Non
                 outcome.failures += [f"upload {number} ({', '.join(sample.done)}): {wrong}" for wrong in wrongs]
                 client.delete(f"/api/v1/{sample.kind}/{answer.json()['id']}")
         if number % 200 == 199:
-            say(f"{number + 1}: {dict(outcome.statuses)}, {len(outcome.failures)} failures")
+            grown = (memory(client) - began) >> 20
+            say(f"{number + 1}: {dict(outcome.statuses)}, {len(outcome.failures)} failures, {grown} MiB more")
     outcome.growth = memory(client) - began
     if outcome.growth >= MOST_GROWTH:
         outcome.failures.append(f"the server grew by {outcome.growth >> 20} MiB")

@@ -129,7 +129,8 @@ def option(connection: sqlite3.Connection, name: str) -> Any:
 def restored_model(connection: sqlite3.Connection) -> ArticulatedObject:
     """The model, as it is before anything is looked at."""
     with tempfile.TemporaryDirectory(prefix="recording-") as folder:
-        return load_model(_model_file(connection, Path(folder)), triangle_budget=first_settings(connection).triangles)
+        # no mesh is made coarser, which takes longest
+        return load_model(_model_file(connection, Path(folder)), triangle_budget=ModelLimits().triangles)
 
 
 def _model_file(connection: sqlite3.Connection, folder: Path) -> Path:

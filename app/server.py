@@ -52,9 +52,10 @@ ROUTERS = (
     sessions.router,
     samples.router,
     graph.router,
+    # before the results: a belief's particles are no link's name
+    particles.router,
     results.router,
     decisions.router,
-    particles.router,
     pictures.router,
     events.router,
     views.router,

@@ -2,14 +2,16 @@
 
 # without `from __future__ import annotations`: the framework evaluates those of the routes, which name their factory's
 # variables
+from collections.abc import Iterable
+from contextlib import suppress
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request, Response
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, ValidationError
 
 from app.documentation import answer
-from app.problems import responses
-from app.store.store import KINDS, Kind, Store
+from app.problems import HttpProblem, responses
+from app.store.store import KINDS, Document, Kind, Store
 from app.uploads.uploads import Uploads, etag, unchanged
 
 _ETAG = {"ETag": {"description": "of the entry, which never changes", "schema": {"type": "string"}}}
@@ -67,8 +69,8 @@ def entry_routes(
         description=f"Oldest first. {listed}".strip(),
     )
     def list_all(request: Request) -> Any:
-        """Every entry's document."""
-        return store_of(request).documents(kind)
+        """Every entry's document but those that are damaged."""
+        return tellable(schema, store_of(request).documents(kind))
 
     @router.get(
         path,
@@ -81,6 +83,8 @@ def entry_routes(
     def get(id: Annotated[str, Path(alias=f"{noun}_id")], request: Request, response: Response) -> Any:
         """An entry's document, or 304."""
         document = store_of(request).document(kind, id)
+        if not tellable(schema, [document]):
+            raise HttpProblem(404, f"{noun} '{id}' is damaged: its {noun}.json does not tell what a {noun}'s does")
         if unchanged(request, etag(document)):
             return not_modified(etag(document))
         response.headers["ETag"] = etag(document)
@@ -120,6 +124,16 @@ def form(file: str, **fields: str) -> dict[str, Any]:
     }
     body = {"required": True, "content": {"multipart/form-data": {"schema": schema}}}
     return {"requestBody": body, "parameters": [key]}
+
+
+def tellable(schema: type[BaseModel], documents: Iterable[Document]) -> list[Document]:
+    """Those of the documents that say what `schema` asks for: a damaged one must not take the list of all away."""
+    found = []
+    for document in documents:
+        with suppress(ValidationError):
+            schema.model_validate(document)
+            found.append(document)
+    return found
 
 
 def store_of(request: Request) -> Store:

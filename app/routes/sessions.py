@@ -9,6 +9,7 @@ from fastapi import APIRouter, Header, Request, Response
 
 from app.documentation import answer
 from app.problems import responses
+from app.routes.entries import tellable
 from app.routes.parameters import LiveSession, SessionId, sessions_of
 from app.schemas import AddScanRequest, ChangeRequest, RunRequest, Session, SessionRequest, StepRequest
 from app.store.idempotency import call_key
@@ -55,7 +56,7 @@ def create_session(
 @router.get("/sessions", response_model=list[Session], summary="All sessions")
 def list_sessions(request: Request) -> Any:
     """Oldest first, damaged ones too."""
-    return sessions_of(request).list()
+    return tellable(Session, sessions_of(request).list())
 
 
 @router.get("/sessions/{session_id}", response_model=Session, summary="One session", responses=responses(404))

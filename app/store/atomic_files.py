@@ -14,7 +14,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from pmpnbp.errors import storage_told
+from pmpnbp.errors import PmpnbpError, storage_told
+from pmpnbp.json_text import read_json as parsed
 
 
 def create_folder(
@@ -71,9 +72,13 @@ def remove_folder(partial: Path, place: Path) -> None:
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Write and sync `document` to the disk."""
-    with path.open("w", encoding="utf-8") as file:
-        json.dump(document, file, ensure_ascii=True, allow_nan=False, indent=1)
+    """Write and sync `document` to the disk. Raises PmpnbpError where it holds what nobody can tell."""
+    try:
+        content = json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1).encode()
+    except UnicodeEncodeError:
+        raise PmpnbpError("the entry holds half of a surrogate pair, such as '\\ud800'; expected text") from None
+    with path.open("wb") as file:
+        file.write(content)
         file.flush()
         os.fsync(file.fileno())
 
@@ -81,8 +86,8 @@ def write_json(path: Path, document: Mapping[str, Any]) -> None:
 def read_json(path: Path) -> dict[str, Any] | None:
     """The object in a JSON file, or None where there is no whole one."""
     try:
-        document = json.loads(path.read_bytes())
-    except (OSError, ValueError, RecursionError):
+        document = parsed(path.read_bytes().decode())
+    except (OSError, ValueError):
         return None
     return document if isinstance(document, dict) else None
 

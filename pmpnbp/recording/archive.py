@@ -59,7 +59,7 @@ class IterationArchive:
         self._remedy = remedy
         self._criteria: Criteria | None = None
         self._foreign_row = foreign_row
-        self._readers = Readers(path)
+        self._readers = Readers(path, foreign=foreign_row is not None)
         self._writer: RecordingWriter | None = None
         self._rows: Rows = OwnRows()
         self._lock = threading.Lock()

@@ -33,7 +33,8 @@ def make_whole(path: Path) -> int:
         copy = path.with_name(path.name + ".part")
         _remove(copy)
         try:
-            whole = None if whole is None else _copy(recording, copy, whole)
+            with recording.blobs():
+                whole = None if whole is None else _copy(recording, copy, whole)
         except sqlite3.Error as error:
             _remove(copy)
             raise RecordingError(f"recording '{path.name}' is damaged and cannot be mended: {error}") from None

@@ -60,7 +60,10 @@ def _made(server: OwnServer, client: httpx.Client, iterations: int = 5) -> tuple
 
 
 def _remove(server: OwnServer, kind: str, id: str) -> None:
-    shutil.rmtree(server.data_dir / kind / id)
+    """At one instant, as the server may be writing there."""
+    aside = server.folder / f"removed-{id}"
+    (server.data_dir / kind / id).rename(aside)
+    shutil.rmtree(aside, ignore_errors=True)
 
 
 def _everything(outcome: Outcome, client: httpx.Client, names: dict[str, str], what: Callable[..., object]) -> None:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import socket
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 from urllib.parse import urlsplit
 
 import httpx
@@ -103,17 +102,17 @@ class OwnServer:
 
 
 @contextmanager
-def own_server(*options: str, environment: dict[str, str] | None = None) -> Iterator[OwnServer]:
+def own_server(*options: str) -> Iterator[OwnServer]:
     """One that is ready, with a folder that goes with it."""
     with tempfile.TemporaryDirectory(prefix="attacked-") as name, own_server_in(Path(name), *options) as server:
         yield server
 
 
 @contextmanager
-def own_server_in(folder: Path, *options: str) -> Iterator[OwnServer]:
+def own_server_in(folder: Path, *options: str, environment: Mapping[str, str] | None = None) -> Iterator[OwnServer]:
     """The same in a folder that is there, and stays."""
     data_dir, log = folder / "data", folder / "log"
-    process = server_process.start(data_dir, *options, log=log)
+    process = server_process.start(data_dir, *options, environment=environment, log=log)
     try:
         process.ready()
         yield OwnServer(folder, data_dir, Target(process.url, process.token, process.process.pid, log), process)
@@ -123,9 +122,3 @@ def own_server_in(folder: Path, *options: str) -> Iterator[OwnServer]:
         process.process.wait()
         assert process.process.stdout is not None
         process.process.stdout.close()
-
-
-def named(entry: Any) -> str:
-    """A part of a JSON document as short text."""
-    text = repr(entry)
-    return text if len(text) <= 90 else text[:87] + "…"

@@ -131,7 +131,8 @@ def faults(target: Target, since: int = 0) -> Counter[str]:
         error = next((line for line in trace.splitlines()[1:] if line[:1].strip()), "")
         frames = re.findall(r'File "[^"]*?/((?:app|pmpnbp)/[^"]+)", line (\d+), in (\w+)', trace)
         place = "{}:{} in {}".format(*frames[-1]) if frames else "in a library"
-        found[f"{error[:160]} at {place}"] += 1
+        said = re.sub(r"/[^\s']+|[0-9a-f]{16}", "…", error)[:160]  # alike but for a path or an id
+        found[f"{said} at {place}"] += 1
     return found
 
 

@@ -1,4 +1,4 @@
-"""A clock that jumps back, and files that may not grow; `python -m tests.app.bad_systems` has the others, which mount."""
+"""A clock that jumps back, and files that may not grow; those that mount are in `tests.app.bad_systems` alone."""
 
 from __future__ import annotations
 

@@ -20,6 +20,8 @@ _BODIES: Mapping[str, Any] = {
     "{view_id}": {"part": "drawer1"},
     "{session_id}": {"config": {"joint_draws": 3}},
 }
+# Of one call, seconds: none of them has more to do than a few iterations of a small session.
+PATIENCE = 60.0
 NAMES = {"link": "drawer1", "sender": "frame", "receiver": "drawer1", "index": "0", "view_id": "attacked"}
 
 
@@ -29,7 +31,7 @@ def reads(client: httpx.Client, names: Mapping[str, str]) -> Iterator[tuple[str,
         if method == "GET" and "text/event-stream" not in json.dumps(operation.get("responses", {})):
             place = filled(path, names)
             if place is not None:
-                yield f"GET {path}", client.get(place)
+                yield f"GET {path}", asked(client, "GET", place)
 
 
 def writes(
@@ -56,9 +58,17 @@ def writes(
         body = next((body for end, body in _BODIES.items() if path.endswith(end)), None)
         if path.endswith("{session_id}/scans"):
             body = {"scan_id": names.get("further_scan_id", scan)}
-        yield f"{method} {path}", client.request(method, place, json=body)
+        yield f"{method} {path}", asked(client, method, place, json=body)
     for path, place in last if deleting else ():
-        yield f"DELETE {path}", client.delete(place)
+        yield f"DELETE {path}", asked(client, "DELETE", place)
+
+
+def asked(client: httpx.Client, method: str, path: str, **content: Any) -> httpx.Response:
+    """The answer, or what stands for none: a status that no server gives."""
+    try:
+        return client.request(method, path, timeout=PATIENCE, **content)
+    except httpx.TimeoutException:
+        return httpx.Response(599, json={"detail": f"there was no answer within {PATIENCE:.0f} s"})
 
 
 def operations(client: httpx.Client) -> Iterator[tuple[str, str, Mapping[str, Any]]]:

@@ -8,10 +8,9 @@ from collections import Counter
 from contextlib import ExitStack
 
 import httpx
-from websockets.exceptions import InvalidStatus, WebSocketException
-from websockets.sync.client import ClientConnection, connect
 
 from tests.app.attacks import entries
+from tests.app.attacks.browsers import Browsers
 from tests.app.attacks.outcome import Outcome
 from tests.app.attacks.target import ATTACKER, OTHER, Target
 from tests.app.attacks.watch import MIB, Watch, memory, settled_memory
@@ -93,25 +92,24 @@ def _views(target: Target, outcome: Outcome) -> None:
         outcome.did.append(
             f"{len(addresses)} views of a session that iterates, by their websockets, {VIEWS} of one client"
         )
-        with Watch(target, patience=20) as watch:
-            opened, refusals, sentences = _open(target, session, addresses)
-            alone = sum(address == ATTACKER for address, _ in opened)
-            disturbed = _rate(client, session)
+        with Browsers(target, session.rpartition("/")[2], addresses) as browsers:
+            with Watch(target, patience=20) as watch:
+                disturbed = _rate(client, session)
+        opened, refusals = browsers.opened, browsers.refusals
+        alone = opened.count(ATTACKER)
         outcome.happened.append(
             f"views: {alone} of one client and {len(opened) - alone} of others opened, refused "
             + (", ".join(f"{count} × {status}" for status, count in refusals.items()) or "none")
             + f"; {undisturbed:.1f} iterations/s before, {disturbed:.1f} beside them; {watch.told()}"
         )
-        outcome.happened += [f"views: refused with {sentence!r}" for sentence in list(sentences)[:3]]
+        outcome.happened += [f"views: refused with {sentence!r}" for sentence in list(browsers.sentences)[:3]]
         outcome.expect(
             disturbed >= LEAST_RATE * undisturbed,
             f"views: {disturbed:.1f} iterations/s beside {len(opened)} views, {undisturbed:.1f} without",
         )
         outcome.expect(set(refusals) <= {"429"}, f"views: refused with {dict(refusals)}, expected 429")
-        outcome.expect(all(sentences), "views: a refusal without a sentence")
+        outcome.expect(all(browsers.sentences), "views: a refusal without a sentence")
         outcome.expect(not watch.unserved, f"views: {watch.unserved} calls of another caller were not served")
-        for _, connection in opened:
-            connection.close()
         client.post(f"{session}/pause")
         after = settled_memory(target, before + MOST_KEPT, LINGER)
         outcome.happened.append(f"views: memory {before // MIB} MiB before, {after // MIB} MiB after they were closed")
@@ -124,41 +122,6 @@ def _rate(client: httpx.Client, session: str) -> float:
     time.sleep(COUNTED)
     last = client.get(session).json()["iteration"]
     return (last - first) / (time.monotonic() - began)
-
-
-def _open(
-    target: Target, session: str, addresses: list[str]
-) -> tuple[list[tuple[str, ClientConnection]], Counter[str], set[str]]:
-    """Views' connections, with the address of each; how many were refused, by status, and the sentences."""
-    id = session.rpartition("/")[2]
-    opened, refusals, sentences = [], Counter[str](), set()
-    for number, address in enumerate(addresses):
-        try:
-            connection = connect(
-                f"ws://{target.host}:{target.port}/sessions/{id}/view/attacked-{number}/",
-                sock=target.socket(address),
-                additional_headers=target.headers,
-                compression=None,
-                max_size=None,
-                open_timeout=30,
-                ping_interval=None,
-                proxy=None,
-            )
-        except InvalidStatus as error:
-            refusals[str(error.response.status_code)] += 1
-            sentences.add(_sentence(error.response.body))
-        except (OSError, WebSocketException) as error:
-            refusals[type(error).__name__] += 1
-        else:
-            opened.append((address, connection))
-    return opened, refusals, sentences
-
-
-def _sentence(body: bytes | None) -> str:
-    try:
-        return str(httpx.Response(429, content=body or b"").json()["detail"])
-    except (ValueError, KeyError):
-        return ""
 
 
 def _large_sessions(target: Target, outcome: Outcome) -> None:

@@ -41,7 +41,7 @@ class Outcome:
         if self.statuses:
             lines.append("    answers   " + ", ".join(f"{n} × {status}" for status, n in sorted(self.statuses.items())))
         counted = Counter(self.broken)
-        shown = list(counted.items())[:40]
+        shown = list(counted.items())[:60]
         lines += [f"    broken    {line}" + (f" ({count} times)" if count > 1 else "") for line, count in shown]
         if len(counted) > len(shown):
             lines.append(f"    broken    and {len(counted) - len(shown)} more")

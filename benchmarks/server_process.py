@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -45,16 +46,26 @@ class ServerProcess:
         return status
 
 
-def start(data_dir: Path, *options: str, environment: Mapping[str, str] | None = None) -> ServerProcess:
+def start(
+    data_dir: Path, *options: str, environment: Mapping[str, str] | None = None, log: Path | None = None
+) -> ServerProcess:
     """`pmpnbp serve` on a free port, listening; settings come from `options` and `environment` alone.
+
+    log : a file that its messages are added to; None: they go where ours go
 
     Raises RuntimeError where it prints anything but its link.
     """
     command = [sys.executable, "-m", "app.cli", "serve", "--port", "0", "--data-dir", str(data_dir), *options]
     inherited = {name: value for name, value in os.environ.items() if not name.startswith("PMPNBP_")}
-    process = subprocess.Popen(
-        command, cwd=PROJECT, env=inherited | dict(environment or {}), stdout=subprocess.PIPE, text=True
-    )
+    with nullcontext() if log is None else log.open("ab") as messages:
+        process = subprocess.Popen(
+            command,
+            cwd=PROJECT,
+            env=inherited | dict(environment or {}),
+            stdout=subprocess.PIPE,
+            stderr=messages,
+            text=True,
+        )
     assert process.stdout is not None
     line = process.stdout.readline()
     found = re.search(r"(http://\S+?)/(?:\?token=(\S+))?\s*$", line)

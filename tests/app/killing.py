@@ -1,140 +1,180 @@
-"""Kill a server at random instants, start it again, and see whether everything it acknowledged is there.
+"""Kill a server at random instants of whatever changes its store, start it again, and see whether it kept its word.
 
-While the server runs, one thread uploads models and scans and another steps a session; each notes what was
-acknowledged. The process gets SIGKILL at a random instant; the next one must know everything that was noted, byte for
-byte where a checksum was given, and the session no earlier than its last acknowledged iteration. Run it:
-`python -m tests.app.killing [--kills 50]`.
+While the server runs, threads upload models, scans and recordings, make sessions, iterate and delete, each with an
+Idempotency-Key where there is one; `killing_ledger` notes what was acknowledged. The process gets SIGKILL at a random
+instant. Of the next one is asked: everything acknowledged is there, byte for byte where a checksum was given, and a
+session no earlier than its last acknowledged iteration; nothing is back whose deletion was acknowledged; whatever is
+listed can be used; and a call in flight, sent again with its key, has made one entry. Run it:
+`python -m tests.app.killing [--kills 300]`.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
+import itertools
 import random
 import signal
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import uuid
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import httpx
 
-from benchmarks.server_process import CABINET, start, upload_model, upload_scan
-from benchmarks.trials import load_roi
+from tests.app.attacks import entries
+from tests.app.forked_servers import ForkedServers
+from tests.app.killing_ledger import KINDS, Call, Ledger
 
-# As quick as to have many iterations acknowledged before a kill.
-QUICK = {"image_width": 80, "triangles": 60, "search_iterations": 1, "search_proposals": 300, "search_islands": 1}
-
-
-@dataclass
-class Acknowledged:
-    """What the server has said it keeps: checksums by kind and id, and the last iteration of each session."""
-
-    entries: dict[str, dict[str, str]] = field(default_factory=lambda: {"models": {}, "scans": {}})
-    iterations: dict[str, int] = field(default_factory=dict)
-    estimates: dict[tuple[str, int], str] = field(default_factory=dict)
+# Kept of each kind: few, so that a start has little to take up, and deletions are as frequent as uploads.
+KEPT = {"models": 3, "scans": 3, "recordings": 2, "sessions": 4}
+# Instants of a kill, seconds after the threads begin.
+EARLIEST, LATEST = 0.05, 2.0
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Kill and look; exit status 1 where something was lost."""
+    """Kill and look; exit status 1 where a promise was broken."""
     parser = argparse.ArgumentParser(prog="python -m tests.app.killing", description=__doc__)
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args(words)
+    began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="killing-") as folder:
-        lost = kill_often(Path(folder), arguments.kills, arguments.seed, say=lambda line: print(line, flush=True))
-    for line in lost:
+        broken = kill_often(Path(folder), arguments.kills, arguments.seed, say=lambda line: print(line, flush=True))
+    for line in broken:
         print(line)
-    print(f"{arguments.kills} kills, {len(lost)} losses")
-    return int(bool(lost))
+    print(f"{arguments.kills} kills in {time.monotonic() - began:.0f} s, {len(broken)} promises broken")
+    return int(bool(broken))
 
 
-def kill_often(folder: Path, kills: int, seed: int, say=lambda line: None) -> list[str]:  # type: ignore[no-untyped-def]
-    """One sentence for each thing that was acknowledged and is not there after a restart."""
+def kill_often(folder: Path, kills: int, seed: int, say: Callable[[str], object] = lambda line: None) -> list[str]:
+    """One sentence for each promise that was not kept."""
     rng = random.Random(seed)
-    known = Acknowledged()
-    lost: list[str] = []
-    server = start(folder).ready()
-    for number in range(kills):
-        stop = threading.Event()
-        workers = [
-            threading.Thread(target=work, args=(server.url, known, stop), daemon=True) for work in (_upload, _iterate)
-        ]
-        for worker in workers:
-            worker.start()
-        time.sleep(rng.uniform(0.2, 2.5))
-        server.end(signal.SIGKILL)
-        stop.set()
-        for worker in workers:
-            worker.join(30)
-        server = start(folder).ready()
-        lost += look(server.url, known)
-        counts = ", ".join(f"{len(there)} {kind}" for kind, there in known.entries.items())
-        say(f"kill {number + 1}: {counts}, sessions at {list(known.iterations.values())}, {len(lost)} losses")
-    server.end(signal.SIGTERM)
-    return lost
+    ledger = Ledger()
+    with ForkedServers() as servers:
+        url = servers.start(folder / "data")
+        with _client(url) as client:
+            recording = _first(client, ledger)
+        for number in range(kills):
+            stop = threading.Event()
+            works = (_upload, _make_sessions, _iterate, _delete)
+            workers = [
+                threading.Thread(
+                    target=_until_gone, args=(work, url, ledger, recording, stop, rng.random()), daemon=True
+                )
+                for work in works
+            ]
+            for worker in workers:
+                worker.start()
+            time.sleep(rng.uniform(EARLIEST, LATEST))
+            servers.end(signal.SIGKILL)
+            stop.set()
+            for worker in workers:
+                worker.join()
+            url = servers.start(folder / "data")
+            with _client(url) as client:
+                ledger.look(client, f"kill {number + 1}")
+            say(f"kill {number + 1}: {ledger.told()}")
+        servers.end(signal.SIGTERM)
+    return ledger.broken
 
 
-def look(url: str, known: Acknowledged) -> list[str]:
-    """What is missing or differs."""
-    lost = []
-    with httpx.Client(base_url=f"{url}/api/v1", timeout=600) as client:
-        for kind, entries in known.entries.items():
-            for entry, checksum in entries.items():
-                answer = client.get(f"/{kind}/{entry}")
-                if answer.status_code != 200 or answer.headers.get("etag", "") != checksum:
-                    lost.append(f"{kind}/{entry}: {answer.status_code}, etag {answer.headers.get('etag')}")
-        for session, iteration in known.iterations.items():
-            answer = client.get(f"/sessions/{session}")
-            if answer.status_code != 200 or answer.json()["iteration"] < iteration:
-                lost.append(f"session {session} was at {iteration}: {answer.status_code} {answer.text[:200]}")
-        for (session, iteration), links in known.estimates.items():
-            answer = client.get(f"/sessions/{session}/estimate", params={"iteration": iteration})
-            if answer.status_code != 200 or json.dumps(answer.json()["links"]) != links:
-                lost.append(f"session {session}: the estimate of iteration {iteration} reads otherwise")
-    return lost
+def _client(url: str) -> httpx.Client:
+    return httpx.Client(base_url=url, timeout=120)
 
 
-def _upload(url: str, known: Acknowledged, stop: threading.Event) -> None:
-    """Models and scans in turn, until the server is gone."""
-    with httpx.Client(base_url=f"{url}/api/v1", timeout=600) as client:
-        try:
-            while not stop.is_set():
-                for kind, upload in (("models", upload_model), ("scans", upload_scan)):
-                    answer = upload(client)
-                    if answer.status_code == 201:
-                        entry = answer.json()["id"]
-                        known.entries[kind][entry] = client.get(f"/{kind}/{entry}").headers["etag"]
-                time.sleep(0.05)
-        except (httpx.TransportError, KeyError):
-            return
+def _first(client: httpx.Client, ledger: Ledger) -> bytes:
+    """A model, a scan and a session to begin with; the session's recording."""
+    for call in (_model_call(), _scan_call()):
+        ledger.make(client, call)
+    session = ledger.make(client, _session_call(ledger))
+    assert session is not None, "the first session could not be made"
+    path = f"/api/v1/sessions/{session}"
+    client.post(f"{path}/step", json={"iterations": 2}).raise_for_status()
+    return client.get(f"{path}/recording").raise_for_status().content
 
 
-def _iterate(url: str, known: Acknowledged, stop: threading.Event) -> None:
-    """The session, made when there is a model and a scan, stepped on."""
-    with httpx.Client(base_url=f"{url}/api/v1", timeout=600) as client:
-        try:
-            while not known.iterations and not stop.is_set():
-                models, scans = list(known.entries["models"]), list(known.entries["scans"])
-                if models and scans:
-                    roi = load_roi(CABINET / "open").tolist()
-                    body = {"model_id": models[0], "scan_ids": [scans[0]], "roi": roi, "particles": 60, "config": QUICK}
-                    answer = client.post("/sessions", json=body)
-                    if answer.status_code == 201:
-                        known.iterations[answer.json()["id"]] = 0
-                time.sleep(0.05)
-            while not stop.is_set():
-                for session in list(known.iterations):
-                    if client.post(f"/sessions/{session}/step", json={"iterations": 1}).status_code != 200:
-                        return
-                    found = client.get(f"/sessions/{session}/estimate").json()
-                    known.iterations[session] = found["iteration"]
-                    if found["iteration"] % 5 == 1:
-                        known.estimates[session, found["iteration"]] = json.dumps(found["links"])
-        except (httpx.TransportError, KeyError):
-            return
+Work = Callable[[httpx.Client, Ledger, bytes, random.Random], None]
+
+
+def _until_gone(work: Work, url: str, ledger: Ledger, recording: bytes, stop: threading.Event, seed: float) -> None:
+    """Work on until the server is gone."""
+    rng = random.Random(seed)
+    with _client(url) as client, suppress(httpx.TransportError):
+        while not stop.is_set():
+            work(client, ledger, recording, rng)
+            time.sleep(0.02)
+
+
+def _upload(client: httpx.Client, ledger: Ledger, recording: bytes, rng: random.Random) -> None:
+    """One more of what there are too few of; or of any, for the deletions to have something."""
+    call = rng.choice((_model_call, _scan_call, lambda: _recording_call(recording)))()
+    if len(ledger.known[call.kind]) < 2 * KEPT[call.kind]:
+        ledger.make(client, call)
+
+
+def _make_sessions(client: httpx.Client, ledger: Ledger, recording: bytes, rng: random.Random) -> None:
+    if len(ledger.known["sessions"]) < 2 * KEPT["sessions"]:
+        with suppress(LookupError):
+            ledger.make(client, _session_call(ledger))
+
+
+def _iterate(client: httpx.Client, ledger: Ledger, recording: bytes, rng: random.Random) -> None:
+    session = ledger.any_of("sessions", rng)
+    if session is not None:
+        ledger.step(client, session)
+
+
+def _delete(client: httpx.Client, ledger: Ledger, recording: bytes, rng: random.Random) -> None:
+    kind = rng.choice(KINDS)
+    if len(ledger.known[kind]) > KEPT[kind] and (id := ledger.any_of(kind, rng)) is not None:
+        ledger.delete(client, kind, id)
+
+
+_numbers = itertools.count()
+
+
+def _key() -> str:
+    return f"{next(_numbers)}-{uuid.uuid4().hex}"
+
+
+def _model_call() -> Call:
+    key = _key()
+    # the robot's name makes each of them another file
+    content = entries.URDF.replace('name="cabinet"', f'name="{key}"')
+    return Call("models", key, f"{key}.urdf", lambda client: _form(client, "models", key, f"{key}.urdf", content))
+
+
+def _scan_call() -> Call:
+    key = _key()
+    camera = {"camera": entries.CAMERA_TEXT}
+    return Call(
+        "scans", key, f"{key}.png", lambda client: _form(client, "scans", key, f"{key}.png", entries.DEPTH, camera)
+    )
+
+
+def _recording_call(content: bytes) -> Call:
+    key = _key()
+    name = f"{key}.sqlite"
+    return Call("recordings", key, name, lambda client: _form(client, "recordings", key, name, content))
+
+
+def _form(
+    client: httpx.Client, kind: str, key: str, name: str, content: str | bytes, data: dict[str, str] | None = None
+) -> httpx.Response:
+    headers = {"Idempotency-Key": key}
+    return client.post(f"/api/v1/{kind}", files={"file": (name, content)}, data=data or {}, headers=headers)
+
+
+def _session_call(ledger: Ledger) -> Call:
+    """Of the newest model and scan, which are deleted last. Raises LookupError where there are none."""
+    key = _key()
+    model, scan = ledger.newest("models"), ledger.newest("scans")
+    body = entries.session_body(model, scan, name=key)
+    headers = {"Idempotency-Key": key}
+    return Call("sessions", key, key, lambda client: client.post("/api/v1/sessions", json=body, headers=headers))
 
 
 if __name__ == "__main__":

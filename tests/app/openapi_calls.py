@@ -1,7 +1,8 @@
 """Calls made up from the OpenAPI document, valid and not, and what is wrong with the answers.
 
-The test suite makes a few for each operation; as a script it makes as many as it is told to, against a server whose
-store it may empty: `python -m tests.app.openapi_calls --url http://127.0.0.1:8080 --calls 2000`.
+The test suite makes a few for each operation; as a script it makes as many as it is told to, and holds the server's
+memory and what was stored before against how they were: `python -m tests.app.openapi_calls --url
+http://127.0.0.1:8080 --calls 10000`. What is stored there stays; what the calls make is removed.
 """
 
 from __future__ import annotations
@@ -10,8 +11,9 @@ import argparse
 import json
 import sys
 import tempfile
+import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Set
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -23,12 +25,15 @@ from hypothesis import seed as seeded
 from hypothesis.errors import Unsatisfiable
 from schemathesis import Case, GenerationMode
 from schemathesis.checks import not_a_server_error
+from schemathesis.core.failures import FailureGroup
 from schemathesis.specs.openapi.checks import (
     content_type_conformance,
     response_headers_conformance,
     response_schema_conformance,
     status_code_conformance,
 )
+
+from tests.app.upload_attack import memory
 
 CHECKS = [
     not_a_server_error,
@@ -41,14 +46,25 @@ CABINET = Path(__file__).resolve().parents[2] / "sample_data" / "cabinet"
 # Of a run or a step: what is asked is the answer's form, not the machine's patience.
 FEW_ITERATIONS = 2
 EVENTS = "text/event-stream"
+# Sessions first, as they use the others.
+KINDS = ("sessions", "models", "scans", "recordings")
+# Calls of each kind for each operation in a round of the script; memory's growth that it allows.
+EXAMPLES = 25
+MIB = 1 << 20
+MOST_GROWTH = 100 * MIB
 
 
-def exercise(url: str, known: Callable[[], Mapping[str, str]], examples: int, seed: int = 0) -> Counter[str]:
+def exercise(
+    url: str,
+    known: Callable[[], Mapping[str, str]],
+    examples: int,
+    seed: int = 0,
+    wrong: Callable[[str], object] | None = None,
+) -> Counter[str]:
     """Make up to `examples` calls of each kind for each operation; how many were made, by operation.
 
     known : makes what the path parameters can name, and returns their values, before each kind of call
-
-    Raises schemathesis' FailureGroup for the first answer that is not as the document says.
+    wrong : told of each answer that is not as the document says; without it the first raises schemathesis' FailureGroup
     """
     schema = schemathesis.openapi.from_url(f"{url}/openapi.json")
     made: Counter[str] = Counter()
@@ -64,7 +80,7 @@ def exercise(url: str, known: Callable[[], Mapping[str, str]], examples: int, se
                 path = {name: values[name] for name in names if name in values} if given_names else {}
                 if mode is GenerationMode.NEGATIVE and not _can_be_wrong(operation):
                     continue
-                made[label] += _some(operation, mode, path, url, examples, seed)
+                made[label] += _some(operation, mode, path, url, examples, seed, wrong)
     return made
 
 
@@ -77,7 +93,15 @@ def _can_be_wrong(operation: Any) -> bool:
     return bool(parts) or any(schema.get("type") != "string" or limits & set(schema) for schema in schemas)
 
 
-def _some(operation: Any, mode: GenerationMode, path: Mapping[str, str], url: str, examples: int, seed: int) -> int:
+def _some(
+    operation: Any,
+    mode: GenerationMode,
+    path: Mapping[str, str],
+    url: str,
+    examples: int,
+    seed: int,
+    wrong: Callable[[str], object] | None,
+) -> int:
     waits = any(parameter.name == "timeout" for parameter in operation.query)
     options: dict[str, Any] = {"path_parameters": dict(path)} if path else {}
     if waits:
@@ -99,7 +123,13 @@ def _some(operation: Any, mode: GenerationMode, path: Mapping[str, str], url: st
         _be_brief(case)
         response = case.call(base_url=url, timeout=120)
         count += 1
-        case.validate_response(response, checks=CHECKS)
+        try:
+            case.validate_response(response, checks=CHECKS)
+        except FailureGroup as failures:
+            if wrong is None:
+                raise
+            told = "; ".join(str(failure).splitlines()[0] for failure in failures.exceptions)
+            wrong(f"{case.method} {case.formatted_path[:120]}: {response.status_code}: {told}; {str(case.body)[:200]}")
 
     with suppress(Unsatisfiable):  # nothing about this operation can be wrong
         call()
@@ -116,8 +146,9 @@ def _be_brief(case: Case) -> None:
         body["run"] = False
 
 
-def sample(client: httpx.Client) -> Callable[[], dict[str, str]]:
-    """A function that sees to it that there are a model, a scan, a recording and a fresh session of a cabinet."""
+def sample(client: httpx.Client, stay: Set[str] = frozenset()) -> Callable[[], dict[str, str]]:
+    """A function that sees to it that there are a model, a scan, a recording and a fresh session of a cabinet, and
+    nothing else but the entries that `stay`, by their ids."""
     kept: dict[str, str] = {}
     config = {"image_width": 80, "triangles": 60, "search_iterations": 1, "search_proposals": 100, "search_islands": 1}
     model = CABINET / "cabinet.urdf"
@@ -146,9 +177,10 @@ def sample(client: httpx.Client) -> Callable[[], dict[str, str]]:
     def make() -> dict[str, str]:
         if fresh():
             return kept
-        for kind in ("sessions", "models", "scans", "recordings"):
+        for kind in KINDS:
             for entry in client.get(f"/api/v1/{kind}").json():
-                client.delete(f"/api/v1/{kind}/{entry['id']}")
+                if entry["id"] not in stay:
+                    client.delete(f"/api/v1/{kind}/{entry['id']}")
         known = {
             "model_id": upload("models", model),
             "scan_id": upload("scans", scan / "depth.png", camera=(scan / "camera.json").read_text(encoding="utf-8")),
@@ -186,24 +218,71 @@ def listen(client: httpx.Client, session_id: str) -> None:
 
 
 def main() -> int:
-    """Make at least `--calls` calls against a server that runs; print how many of each."""
+    """Make at least `--calls` calls against a server that runs; print how many of each, and what was wrong."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("--calls", type=int, default=2000)
-    parser.add_argument("--url", required=True, help="of a server whose store may be emptied")
+    parser.add_argument("--url", required=True, help="of a server that iterates for nobody meanwhile")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
+    wrong: Counter[str] = Counter()
+    began = time.monotonic()
     with httpx.Client(base_url=arguments.url, timeout=None) as client:
-        known = sample(client)
+        _store_some(client)
+        before = stored(client)
+        known = sample(client, before.keys())
         listen(client, known()["session_id"])
-        made: Counter[str] = Counter()
-        examples = 10
+        # what the first calls make a process load is no growth
+        made = exercise(arguments.url, known, 2, arguments.seed, lambda told: wrong.update([told]))
+        memory_before = memory(client)
         while made.total() < arguments.calls:
-            made += exercise(arguments.url, known, examples, arguments.seed + made.total())
-            sys.stdout.write(f"{made.total()} calls\n")
-            examples = 25
+            seed = arguments.seed + made.total()
+            made += exercise(arguments.url, known, EXAMPLES, seed, lambda told: wrong.update([told]))
+            seconds, grown = time.monotonic() - began, (memory(client) - memory_before) / MIB
+            say(f"{made.total()} calls in {seconds:.0f} s, {wrong.total()} wrong; memory grew by {grown:.0f} MiB")
+        known()
+        _remove(client, before.keys())
+        grown = memory(client) - memory_before
+        if grown > MOST_GROWTH:
+            wrong[f"the server's memory grew by {grown / MIB:.0f} MiB"] += 1
+        after = stored(client)
+        wrong.update(f"entry {id} is not as it was" for id in before if after.get(id) != before[id])
     for label, count in sorted(made.items()):
-        sys.stdout.write(f"{count:6d}  {label}\n")
-    return 0
+        say(f"{count:6d}  {label}")
+    for told, count in wrong.most_common(50):
+        say(f"{count} × {told}")
+    say(f"{made.total()} calls in {time.monotonic() - began:.0f} s, {wrong.total()} things wrong")
+    return int(bool(wrong))
+
+
+def stored(client: httpx.Client) -> dict[str, Any]:
+    """What the server says of each of its entries, and of a session's or recording's estimate, by id."""
+    found: dict[str, Any] = {}
+    for kind in KINDS:
+        for entry in client.get(f"/api/v1/{kind}").raise_for_status().json():
+            document = client.get(f"/api/v1/{kind}/{entry['id']}").json()
+            if kind in ("sessions", "recordings"):
+                document["estimate"] = client.get(f"/api/v1/sessions/{entry['id']}/estimate?iteration=1").json()
+            found[entry["id"]] = document
+    return found
+
+
+def _store_some(client: httpx.Client) -> None:
+    """One of each kind, so that there is something that has to stay."""
+    if not client.get("/api/v1/recordings").raise_for_status().json():
+        sample(client, stored(client).keys())()
+
+
+def _remove(client: httpx.Client, stay: Set[str]) -> None:
+    for kind in KINDS:
+        for entry in client.get(f"/api/v1/{kind}").raise_for_status().json():
+            if entry["id"] not in stay:
+                client.delete(f"/api/v1/{kind}/{entry['id']}")
+
+
+def say(line: str) -> None:
+    """A line, at once."""
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import asyncio
 import http
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import h11
@@ -42,6 +44,7 @@ class HttpProtocol(H11Protocol):
         self._refused = False
         # Of a body whose answer is out: bytes that are still listened to; None where there is no such body.
         self._left: int | None = None
+        self._last = False  # whether that answer was the connection's last
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Begin, or refuse."""
@@ -70,6 +73,7 @@ class HttpProtocol(H11Protocol):
             self._left -= len(data)
             if self._left < 0:
                 self.transport.abort()
+            if self._left < 0 or self._last:
                 return
         elif idle and self.due is None:
             self.due = self.loop.time() + self._watch.header_seconds
@@ -77,6 +81,7 @@ class HttpProtocol(H11Protocol):
         super().data_received(data)
         if self.cycle is not before and not self.cycle.response_complete:
             self.due, self._left = None, None
+            self.cycle.transport = _Farewell(self.transport, self.close_slowly)  # type: ignore[assignment]
         elif self._left is not None and self.conn.their_state is not h11.SEND_BODY:
             self.due, self._left = None, None  # the body is over: what comes next is a request, as after any answer
             self._unset_keepalive_if_required()
@@ -87,9 +92,21 @@ class HttpProtocol(H11Protocol):
     def on_response_complete(self) -> None:
         """Wait for the next request, or for the end of this one's body."""
         self.due = None
+        before = self.cycle
         super().on_response_complete()
+        if self.cycle is not before:
+            self.cycle.transport = _Farewell(self.transport, self.close_slowly)  # type: ignore[assignment]
         if self.cycle.response_complete and self.conn.their_state is h11.SEND_BODY:
             self.due, self._left = self.loop.time() + _DRAIN_SECONDS, _DRAIN_BYTES
+
+    def close_slowly(self) -> None:
+        """Close after an answer: where its request's body still comes, the client would not read it otherwise."""
+        if self.conn.their_state is h11.SEND_BODY:
+            self._last = True
+            with suppress(OSError):  # it has gone already
+                self.transport.write_eof()
+        else:
+            self.transport.close()
 
     def send_400_response(self, msg: str) -> None:
         """What came is no HTTP: say so, unless an answer is on its way."""
@@ -105,6 +122,17 @@ class HttpProtocol(H11Protocol):
         """Hand the connection to the websocket's protocol."""
         super().handle_websocket_upgrade(event)
         self._watch.upgraded(self.transport, self.transport.get_protocol())  # type: ignore[arg-type]
+
+
+class _Farewell:
+    """A transport, but for how it is closed."""
+
+    def __init__(self, transport: asyncio.Transport, close: Callable[[], None]) -> None:
+        self._transport = transport
+        self.close = close
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._transport, name)
 
 
 class WebsocketProtocol(WebSocketsSansIOProtocol):

@@ -53,6 +53,13 @@ class ServerConfig:
     # The readers of models take 800 MiB of addresses for their libraries alone.
     parse_bytes: int = _entry(2 * _GIB, "bytes", "of memory that reading an upload may take", low=_GIB)
     requests_per_second: float = _entry(1000.0, "1/s", "requests of one client, on average", low=0.1)
+    max_views: int = _entry(60, "3D views", "open at once", low=1)
+    max_views_full_rate: int = _entry(
+        20,
+        "3D views",
+        "that are drawn 12 times a second; those opened later every 2 seconds while a session runs",
+        low=1,
+    )
     max_clients: int = _entry(200, "clients", "connected at once, event streams and 3D views among them", low=1)
 
     def __post_init__(self) -> None:

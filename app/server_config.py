@@ -49,6 +49,9 @@ class ServerConfig:
     max_sessions: int = _entry(100, "sessions", "that are kept", low=1)
     max_upload_bytes: int = _entry(256 * _MIB, "bytes", "of one upload", low=1024)
     max_disk_bytes: int = _entry(20 * _GIB, "bytes", "that the data directory may take", low=1024)
+    max_memory_bytes: int = _entry(
+        0, "bytes", "of memory that the server may take with its sessions; 0: what machine and container have", low=0
+    )
     parse_seconds: float = _entry(15.0, "seconds", "that reading an upload may take", low=0.1)
     # The readers of models take 800 MiB of addresses for their libraries alone.
     parse_bytes: int = _entry(2 * _GIB, "bytes", "of memory that reading an upload may take", low=_GIB)

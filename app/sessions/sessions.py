@@ -14,6 +14,7 @@ from typing import Any
 from app.problems import HttpProblem
 from app.server_config import ServerConfig
 from app.sessions.document import Document, prepare
+from app.sessions.memory_room import MemoryRoom
 from app.sessions.run_queue import RunQueue
 from app.sessions.sample import NAME, sample_document
 from app.sessions.session import Session
@@ -38,6 +39,7 @@ class Sessions:
         self._store = store
         self._config = config
         self._slots = RunQueue(config.max_running)
+        self._room = MemoryRoom(config.max_memory_bytes or None, config.max_running)
         share_interpreter()
         self._lock = threading.Lock()
         self._sessions: dict[str, Session] = {}
@@ -49,7 +51,7 @@ class Sessions:
     def restore(self) -> None:
         """Take up every session of the store: paused where its recording ends, or failed where it is damaged."""
         for id, document in self._store.sessions():
-            session = Session(id, self._store, document or {"id": id}, self._slots)
+            session = Session(id, self._store, document or {"id": id}, self._slots, self._room)
             session.recover()
             with self._lock:
                 self._sessions[id] = session
@@ -58,7 +60,8 @@ class Sessions:
         """A new session at iteration 0.
 
         body : `model_id`, `scan_ids` and what DEFAULTS has, which stands for what is left out. Raises PmpnbpError for
-        what does not fit together; HttpProblem 404 for a model or scan that is not here, 429 for one session too many.
+        what does not fit together; HttpProblem 404 for a model or scan that is not here, 429 for one session too many,
+        507 for one that does not fit into memory.
         """
         unknown = set(body) - set(DEFAULTS) - {"model_id", "scan_ids"}
         if unknown:
@@ -132,6 +135,7 @@ class Sessions:
         with self._lock:
             if self._sessions.pop(id, None) is None:
                 return  # another call was faster
+        self._room.release(id)
         self._store.delete("sessions", id)
 
     def close(self) -> None:
@@ -184,11 +188,13 @@ class Sessions:
         problem, inputs = prepare(self._store, document)
         id = self._store.create_session(document)
         try:
+            self._room.claim(id, problem)
             full = next(found for known, found in self._store.sessions() if known == id)
             assert full is not None
-            session = Session(id, self._store, full, self._slots)
+            session = Session(id, self._store, full, self._slots, self._room)
             session.begin(problem, inputs)
         except BaseException:
+            self._room.release(id)
             self._store.delete("sessions", id)
             raise
         with self._lock:

@@ -41,7 +41,7 @@ MEANINGS: Mapping[int, str] = {
     429: "Too many requests, sessions or clients; try again after `Retry-After` seconds.",
     500: "A fault of the server.",
     503: "Not ready yet.",
-    507: "The data directory is full, or cannot be written; nothing was changed.",
+    507: "The data directory is full or cannot be written, or memory does not suffice; nothing was changed.",
 }
 
 # Errors of the library that are not the caller's input, which all others are: 422. The first that fits counts.

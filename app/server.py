@@ -132,7 +132,7 @@ def open_all(app: FastAPI) -> None:
     app.state.sessions = Sessions(app.state.store, config)
     app.state.sessions.restore()
     app.state.pictures = Pictures()
-    app.state.views = Views(limit=config.max_clients)
+    app.state.views = Views(config.max_views, config.max_views_full_rate)
     app.state.open = True
 
 

@@ -23,6 +23,7 @@ from app.sessions.document import Document
 from app.sessions.events import Event, Events
 from app.sessions.goal import Goal
 from app.sessions.long_read_out import LongReadOut
+from app.sessions.memory_room import MemoryRoom
 from app.sessions.recorded_inference import RecordedInference
 from app.sessions.run_queue import RunQueue
 from app.sessions.source import Source, no_view
@@ -51,10 +52,11 @@ class Session(Source):
 
     kind = "session"
 
-    def __init__(self, id: str, store: Store, document: Document, slots: RunQueue) -> None:
+    def __init__(self, id: str, store: Store, document: Document, slots: RunQueue, room: MemoryRoom) -> None:
         first = int(document.get("events") or 1)
         self._store = store
         self._slots = slots
+        self._room = room
         self._document = document
         archive = IterationArchive(store.session_folder(id) / RECORDING, f"session '{id}'")
         super().__init__(id, Events(first, first, self._reserve), archive)
@@ -78,10 +80,6 @@ class Session(Source):
         self._inference.begin(problem, inputs, documents.criteria(self._document))
         with self._lock:
             self._error, self._target = None, int(self._document.get("iterations") or 0)
-
-    def landed(self) -> None:
-        """Its folder is where it stays: until then what `begin` made was nobody else's."""
-        self.archive.moved(self._store.session_folder(self.id) / RECORDING)
 
     def recover(self) -> None:
         """Take up what the recording has, after a restart. Where it is damaged the session is there, as failed."""
@@ -120,11 +118,11 @@ class Session(Source):
         return self._submit(self._reset)
 
     def change(self, config: Mapping[str, Any]) -> Future[None]:
-        """Other settings from the next iteration on. The future may raise SettingError, or HttpProblem 409."""
+        """Other settings from the next iteration on. The future may raise SettingError, or HttpProblem 409 or 507."""
         return self._submit(partial(self._change, dict(config)))
 
     def add_scan(self, scan_id: str, mode: ScanMode) -> Future[None]:
-        """Another scan from the next iteration on. The future may raise ScanError, or HttpProblem 404 or 409."""
+        """Another scan from the next iteration on. The future may raise ScanError, or HttpProblem 404, 409, 507."""
         return self._submit(partial(self._add_scan, scan_id, mode))
 
     def close(self) -> None:
@@ -295,6 +293,7 @@ class Session(Source):
             self._pause()
         document = documents.folded(self._document)
         problem, inputs = documents.prepare(self._store, document)
+        self._room.claim(self.id, problem)
         self.archive.abandon()
         self._store.write_session(self.id, document)
         self._document = document
@@ -322,6 +321,7 @@ class Session(Source):
         old = self._document
         new = {**old, "changes": [*(old.get("changes") or ()), entry]}
         problem, _ = documents.prepare(self._store, new)
+        self._room.claim(self.id, problem)
         self._store.write_session(self.id, new)
         try:
             self.archive.change(Change(after, note=json.dumps(entry), **change), problem)

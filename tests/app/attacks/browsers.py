@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import threading
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from types import TracebackType
 
-import httpx
 import viser
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
@@ -60,8 +60,10 @@ class Browsers:
                 self.opened.append(address)
                 reading.append(asyncio.create_task(_read(connection)))
 
-        await asyncio.gather(*(open_one(number, address) for number, address in enumerate(self._addresses)))
-        self._all_there.set()
+        try:
+            await asyncio.gather(*(open_one(number, address) for number, address in enumerate(self._addresses)))
+        finally:
+            self._all_there.set()
         await self._end.wait()
         for task in reading:
             task.cancel()
@@ -102,7 +104,8 @@ async def _read(connection: ClientConnection) -> None:
 
 
 def _sentence(body: bytes | None) -> str:
+    """What a problem says; empty for anything else."""
     try:
-        return str(httpx.Response(429, content=body or b"").json()["detail"])
-    except (ValueError, KeyError):
+        return str(json.loads(body or b"")["detail"])
+    except (ValueError, KeyError, TypeError):
         return ""

@@ -92,7 +92,7 @@ def _views(target: Target, outcome: Outcome) -> None:
         outcome.did.append(
             f"{len(addresses)} views of a session that iterates, by their websockets, {VIEWS} of one client"
         )
-        with Browsers(target, session.rpartition("/")[2], addresses) as browsers, Watch(target, patience=20) as watch:
+        with Watch(target, patience=20) as watch, Browsers(target, session.rpartition("/")[2], addresses) as browsers:
             disturbed = _rate(client, session)
         opened, refusals = browsers.opened, browsers.refusals
         alone = opened.count(ATTACKER)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Mapping
 from pathlib import Path as FilePath
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any, BinaryIO, Literal
@@ -13,6 +13,7 @@ from typing import Annotated, Any, BinaryIO, Literal
 import anyio.to_thread
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
+from starlette.types import Receive, Scope, Send
 
 from app import schemas_results as schemas
 from app.documentation import BINARY, answer
@@ -276,13 +277,19 @@ def get_recording_of_session(session_id: SessionId, request: Request) -> Streami
         "Content-Disposition": f'attachment; filename="{title}"',
         "Content-Length": str(os.fstat(file.fileno()).st_size),
     }
-    return StreamingResponse(_chunks(file), media_type=MEDIA_TYPE, headers=headers)
+    return _FileSent(file, headers)
 
 
-def _chunks(file: BinaryIO) -> Iterator[bytes]:
-    with file:
-        while chunk := file.read(_CHUNK):
-            yield chunk
+class _FileSent(StreamingResponse):
+    """An open file, closed at once also where its client goes away, and not when its memory is collected some day."""
+
+    def __init__(self, file: BinaryIO, headers: Mapping[str, str]) -> None:
+        super().__init__(iter(lambda: file.read(_CHUNK), b""), media_type=MEDIA_TYPE, headers=headers)
+        self._file = file
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        with self._file:
+            await super().__call__(scope, receive, send)
 
 
 def _posterior_of(snapshot: Snapshot) -> Posterior:

@@ -34,7 +34,7 @@ TAGS = {
 # Path parameters, where a route does not describe its own.
 PARAMETERS = {f"{kind}_id": f"id of the {kind}, 16 hexadecimal digits" for kind in ("model", "scan", "recording")}
 # Statuses that every call can answer with, from the middleware in front of the routes.
-COMMON = (400, 401, 403, 422, 429, 500)
+COMMON = (400, 401, 403, 408, 413, 422, 429, 500)
 
 
 def answer(description: str, *, status: int = 200, **members: Any) -> dict[int | str, dict[str, Any]]:
@@ -78,7 +78,8 @@ def _document(app: FastAPI) -> dict[str, Any]:
             answers: dict[str, Any] = operation["responses"]
             if "HTTPValidationError" in json.dumps(answers.get("422", {})):
                 del answers["422"]
-            for status, answer in responses(*COMMON).items():
+            takes_json = "application/json" in operation.get("requestBody", {}).get("content", {})
+            for status, answer in responses(*COMMON, *((415,) if takes_json else ())).items():
                 answers.setdefault(str(status), answer)
             for parameter in operation.get("parameters", []):
                 parameter.setdefault("description", PARAMETERS.get(parameter["name"], ""))

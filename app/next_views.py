@@ -1,11 +1,13 @@
 """From where to look next, after an iteration? One ranking for whoever asks: REST's decision and the 3D views draw it.
 
-It is kept as long as it is asked for, since it is of a posterior, which stays while the inference is at rest.
+It is kept as long as it is asked for, since it is of a posterior, which stays while the inference is at rest; the
+posterior itself is not kept by it.
 """
 
 from __future__ import annotations
 
 import threading
+import weakref
 from collections.abc import Sequence
 
 from cachetools import LRUCache
@@ -22,8 +24,9 @@ WORTH = 0.1
 _KEPT = 16
 
 _lock = threading.Lock()
-# with the posterior, so that no other one can have its id
-_known: LRUCache[tuple[int, tuple[str, ...], float], tuple[Posterior, tuple[RankedView, ...]]] = LRUCache(_KEPT)
+# with a reference to the posterior, by which one is told apart that came to have the id of one that is gone
+_Known = tuple[weakref.ref[Posterior], tuple[RankedView, ...]]
+_known: LRUCache[tuple[int, tuple[str, ...], float], _Known] = LRUCache(_KEPT)
 
 
 def uncertain(snapshot: Snapshot, links: Sequence[str], max_std: float) -> list[str]:
@@ -42,8 +45,8 @@ def next_views(snapshot: Snapshot, links: Sequence[str], max_std: float | None =
     key = id(posterior), tuple(links), limit
     with _lock:
         known = _known.get(key)
-    if known is None:
-        known = posterior, ranking(snapshot, posterior, links, None, limit)[:TOLD]
+    if known is None or known[0]() is not posterior:
+        known = weakref.ref(posterior), ranking(snapshot, posterior, links, None, limit)[:TOLD]
         with _lock:
             _known[key] = known
     return known[1]

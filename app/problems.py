@@ -17,9 +17,10 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
+from starlette.routing import Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from pmpnbp.errors import DamageError, DiskFullError, IterationError, PmpnbpError
+from pmpnbp.errors import DamageError, IterationError, PmpnbpError, RecordingError, StorageError
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -32,7 +33,7 @@ MEANINGS: Mapping[int, str] = {
     403: "The request comes from a page of another origin, or names another host.",
     404: "It is not here; the detail says what there is.",
     405: "The path is here, but not for this method.",
-    408: "The client stopped sending before its upload was whole.",
+    408: "The body came too slowly.",
     409: "The present state does not allow it; the detail names the state.",
     413: "Larger than this server takes.",
     415: "The body is of another media type than the call takes.",
@@ -40,11 +41,16 @@ MEANINGS: Mapping[int, str] = {
     429: "Too many requests, sessions or clients; try again after `Retry-After` seconds.",
     500: "A fault of the server.",
     503: "Not ready yet.",
-    507: "The data directory is full; nothing was changed.",
+    507: "The data directory is full or cannot be written, or memory does not suffice; nothing was changed.",
 }
 
-# Errors of the library that are not the caller's input, which all others are: 422.
-_STATUSES: Mapping[type[PmpnbpError], int] = {IterationError: 404, DamageError: 409, DiskFullError: 507}
+# Errors of the library that are not the caller's input, which all others are: 422. The first that fits counts.
+_STATUSES: Mapping[type[PmpnbpError], int] = {
+    IterationError: 404,
+    DamageError: 409,
+    StorageError: 507,
+    RecordingError: 409,
+}
 
 
 class Problem(BaseModel):
@@ -81,8 +87,8 @@ def problem_response(problem: HttpProblem) -> Response:
 def responses(*statuses: int, **details: str) -> dict[int | str, dict[str, Any]]:
     """Documentation of failures for a route: `responses=responses(404, 409)`.
 
-    Statuses that every call can have (400, 401, 403, 422, 429, 500) are added by the server. A meaning of a route's own
-    goes into `details`: `responses(404, status_409="the session is running")`.
+    Statuses that every call can have (`documentation.COMMON`) are added by the server. A meaning of a route's own goes
+    into `details`: `responses(404, status_409="the session is running")`.
     """
     texts = {status: MEANINGS.get(status, http.HTTPStatus(status).phrase) for status in statuses}
     texts |= {int(name.removeprefix("status_")): text for name, text in details.items()}
@@ -142,13 +148,29 @@ def _of_http_exception(request: Request, error: Exception) -> Response:
     if error.status_code == 404 and detail == "Not Found":
         detail = f"nothing is at '{request.url.path}'; the calls are described at /docs"
     elif error.status_code == 405:
-        allowed = (error.headers or {}).get("Allow", "other methods")
+        allowed = ", ".join(_methods(request))
         detail = f"'{request.url.path}' does not take {request.method}; it takes {allowed}"
+        return problem_response(HttpProblem(405, detail, headers={"Allow": allowed}))
+    elif isinstance(error.__cause__, RecursionError):
+        detail = "the body is not JSON that this server reads: its brackets are nested too deeply"
     return problem_response(HttpProblem(error.status_code, detail, headers=error.headers))
+
+
+def _methods(request: Request) -> list[str]:
+    """Those that the path takes: its routes are separate, and each knows its own."""
+    taken = [
+        method
+        for method in ("DELETE", "GET", "PATCH", "POST", "PUT")
+        if any(route.matches({**request.scope, "method": method})[0] is Match.FULL for route in request.app.routes)
+    ]
+    return sorted([*taken, *(["HEAD"] if "GET" in taken else [])])
 
 
 def _of_validation(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
+    if isinstance(error.body, bytes):  # not parsed, as its media type is another
+        kind = request.headers.get("content-type") or "of no type"
+        return problem_response(HttpProblem(415, f"the body is {kind:.60}; expected application/json"))
     first = error.errors()[0]
     if first["type"] == "json_invalid":
         reason = first.get("ctx", {}).get("error", "it does not parse")

@@ -1,7 +1,9 @@
-"""How much may one client ask, and how many may be connected? Refusals are 429 and say when to come back.
+"""How much may one client ask, and how many may be connected? Refusals are 429, and say which limit it was and when to
+come back.
 
-A client is an address. Each has a bucket of permits that fills at `requests_per_second` and holds two seconds' worth,
-so a page that loads twenty things at once is served, and a loop without a pause is slowed down.
+A client is an address; no one of them may take all that there is for everybody. Each has a bucket of permits that fills
+at `requests_per_second` and holds two seconds' worth, so a page that loads twenty things at once is served, and a loop
+without a pause is slowed down.
 """
 
 from __future__ import annotations
@@ -9,6 +11,8 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from cachetools import LRUCache
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -40,12 +44,33 @@ class Buckets:
         return wait
 
 
+class Shares:
+    """How many of something go on, in all and of each client. Used from the event loop alone."""
+
+    def __init__(self) -> None:
+        self.all = 0
+        self.each: Counter[str] = Counter()
+
+    @contextmanager
+    def one(self, client: str) -> Iterator[None]:
+        """One of `client`, as long as it lasts."""
+        self.all += 1
+        self.each[client] += 1
+        try:
+            yield
+        finally:
+            self.all -= 1
+            self.each[client] -= 1
+            if not self.each[client]:
+                del self.each[client]
+
+
 class Traffic:
-    """What came and what goes on, for /metrics."""
+    """What came and what goes on, for /metrics. connected : requests, event streams and 3D views"""
 
     def __init__(self) -> None:
         self.requests: Counter[tuple[str, int]] = Counter()
-        self.connected = 0
+        self.connected = Shares()
 
 
 class RateLimit:
@@ -70,23 +95,37 @@ class RateLimit:
                 self._traffic.requests["WEBSOCKET", 101] += 1
             await send(message)
 
-        problem = None if scope["path"] in EXEMPT else self._objection(scope)
+        if scope["path"] in EXEMPT:
+            await self._app(scope, receive, counted)
+            return
+        client = client_of(scope)
+        problem = self._objection(client)
         if problem is not None:
             await problem_response(problem)(scope, receive, counted)
             return
-        self._traffic.connected += 1
-        try:
+        with self._traffic.connected.one(client):
             await self._app(scope, receive, counted)
-        finally:
-            self._traffic.connected -= 1
 
-    def _objection(self, scope: Scope) -> HttpProblem | None:
-        client = scope["client"][0] if scope.get("client") else ""
+    def _objection(self, client: str) -> HttpProblem | None:
         wait = self._buckets.take(client, time.monotonic())
         if wait > 0:
-            detail = f"more than {self._config.requests_per_second:g} requests a second came from this client"
+            detail = (
+                f"more than {self._config.requests_per_second:g} requests a second came from this client "
+                "(requests_per_second)"
+            )
             return HttpProblem(429, detail, headers={"Retry-After": str(math.ceil(wait))})
-        if self._traffic.connected >= self._config.max_clients:
-            detail = f"{self._config.max_clients} clients are connected already, which is all this server takes"
+        if self._traffic.connected.all >= self._config.max_clients:
+            detail = f"{self._config.max_clients} clients are connected already, all that are taken (max_clients)"
+            return HttpProblem(429, detail, headers={"Retry-After": "5"})
+        if self._traffic.connected.each[client] >= self._config.max_clients_each:
+            detail = (
+                f"{self._config.max_clients_each} requests, streams and views of this client are open already, which "
+                "is all this server takes of one (max_clients_each)"
+            )
             return HttpProblem(429, detail, headers={"Retry-After": "5"})
         return None
+
+
+def client_of(scope: Scope) -> str:
+    """The address that a call comes from, as a trusted proxy tells it; "" where there is none."""
+    return scope["client"][0] if scope.get("client") else ""

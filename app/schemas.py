@@ -7,9 +7,10 @@ import math
 from dataclasses import fields
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from pmpnbp.inference.arrival import ScanMode
+from pmpnbp.json_text import check_text
 from pmpnbp.settings import Method, SessionOptions
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -34,9 +35,9 @@ NumberOrAxes = float | list[float]
 
 def _plain(value: Any) -> Any:
     try:
-        json.dumps(value, ensure_ascii=False, allow_nan=False).encode("utf-8")
+        json.dumps(value, allow_nan=False)
     except (ValueError, RecursionError):
-        raise ValueError("it holds a number that is not finite, or text that is no text") from None
+        raise ValueError("it holds a number that is not finite, or is nested too deep") from None
     return value
 
 
@@ -61,9 +62,18 @@ def _option(name: str, more: str = "", **limits: Any) -> Any:
 
 
 class Body(BaseModel):
-    """A request's body: members that are not known are refused."""
+    """A request's body: members that are not known are refused, and so is what is no text, wherever it stands."""
 
     model_config = ConfigDict(extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_text(cls, members: Any) -> Any:
+        try:
+            check_text(members)
+        except UnicodeEncodeError:
+            raise ValueError("it holds half of a surrogate pair, such as '\\ud800'; expected text") from None
+        return members
 
 
 class SessionRequest(Body):

@@ -1,14 +1,13 @@
 """Who may come in? Middleware in front of every route, the 3D view's websocket included.
 
 With a token, a call carries it as `Authorization: Bearer …`; a page is opened once with `?token=…` in its link, which
-is answered with a cookie and the link without it. The cookie holds a keyed hash, so it does not give the token away.
+is answered with a cookie (`page_cookie`) and the link without it.
 Without a token the server is open to this machine alone, and still refuses a request that names another host (a
 page elsewhere whose name was made to resolve to this machine) and one that another origin's page makes.
 """
 
 from __future__ import annotations
 
-import hashlib
 import hmac
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qsl, urlencode, urlsplit
@@ -18,10 +17,10 @@ from starlette.datastructures import MutableHeaders
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from app.page_cookie import PageCookie
 from app.problems import HttpProblem, problem_response
 from app.server_config import LOOPBACK, ServerConfig
 
-COOKIE = "pmpnbp"
 # Probes come without a token, and tell nothing but that the server lives.
 OPEN_PATHS = ("/healthz", "/readyz")
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
@@ -101,7 +100,7 @@ class Access:
         in_link = _token_in_link(scope)
         if in_link is not None:
             return self._welcome(scope, in_link)
-        if not self._has_cookie(headers):
+        if not _has_cookie(headers, _cookie(scope)):
             return problem_response(_unauthorized("a token is needed"))
         problem = self._wrong_origin(scope, headers, trusted=True)
         return None if problem is None else problem_response(problem)
@@ -110,31 +109,18 @@ class Access:
         assert self._config.token is not None
         return hmac.compare_digest(token.encode("utf-8", "surrogateescape"), self._config.token.encode())
 
-    def _has_cookie(self, headers: HeaderView) -> bool:
-        assert self._config.token is not None
-        cookies: SimpleCookie = SimpleCookie()
-        try:
-            for line in headers.getlist("cookie"):
-                cookies.load(line)
-        except CookieError:
-            return False
-        if COOKIE not in cookies:
-            return False
-        return hmac.compare_digest(cookies[COOKIE].value.encode(), cookie_value(self._config.token).encode())
-
     def _welcome(self, scope: Scope, token: str) -> Response:
         """The page's link, opened: the cookie, and the same address without the token."""
         if not self._right(token):
             return problem_response(_unauthorized("the token in the link is wrong"))
-        assert self._config.token is not None
         rest = [pair for pair in _query(scope) if pair[0] != "token"]
         # From `//host` a browser would make another server's address
         path = "/" + scope["path"].lstrip("/\\")
         response = RedirectResponse(path + ("?" + urlencode(rest) if rest else ""), 303)
         response.headers["Cache-Control"] = "no-store"
         response.set_cookie(
-            COOKIE,
-            cookie_value(self._config.token),
+            _cookie(scope).name,
+            _cookie(scope).value,
             path="/",
             httponly=True,
             samesite="lax",
@@ -157,9 +143,20 @@ class Access:
         return None
 
 
-def cookie_value(token: str) -> str:
-    """What the page's cookie holds for `token`."""
-    return hmac.new(token.encode(), b"pmpnbp page cookie", hashlib.sha256).hexdigest()
+def _cookie(scope: Scope) -> PageCookie:
+    """That of the server, which has it since its data directory is open."""
+    cookie: PageCookie = scope["app"].state.page_cookie
+    return cookie
+
+
+def _has_cookie(headers: HeaderView, ours: PageCookie) -> bool:
+    cookies: SimpleCookie = SimpleCookie()
+    try:
+        for line in headers.getlist("cookie"):
+            cookies.load(line)
+    except CookieError:
+        return False
+    return ours.name in cookies and hmac.compare_digest(cookies[ours.name].value.encode(), ours.value.encode())
 
 
 def _unauthorized(what: str) -> HttpProblem:
@@ -178,7 +175,7 @@ def _query(scope: Scope) -> list[tuple[str, str]]:
 
 def _token_in_link(scope: Scope) -> str | None:
     """The token in a page's link. Calls of programs do not take it there: addresses end up in logs."""
-    if scope["type"] != "http" or scope["method"] != "GET" or scope["path"].startswith("/api/"):
+    if scope["type"] != "http" or scope["method"] not in ("GET", "HEAD") or scope["path"].startswith("/api/"):
         return None
     return next((value for name, value in _query(scope) if name == "token"), None)
 

@@ -12,6 +12,10 @@ import anyio.to_thread
 from fastapi import FastAPI
 
 from app import documentation, problems, warm_up
+from app.http.bodies import Bodies
+from app.http.connections import connections_for
+from app.http.head import Head
+from app.page_cookie import page_cookie
 from app.pictures.pictures import Pictures
 from app.rate_limit import RateLimit, Traffic
 from app.routes import (
@@ -48,9 +52,10 @@ ROUTERS = (
     sessions.router,
     samples.router,
     graph.router,
+    # before the results: a belief's particles are no link's name
+    particles.router,
     results.router,
     decisions.router,
-    particles.router,
     pictures.router,
     events.router,
     views.router,
@@ -60,6 +65,8 @@ ROUTERS = (
     start_page.router,
     proxy.router,
 )
+# Where a POST brings a file, which may be larger than JSON and is written to disk as it comes.
+UPLOADS = frozenset(f"/api/v1/{kind}" for kind in ("models", "scans", "recordings"))
 
 _log = logging.getLogger("pmpnbp.server")
 
@@ -82,11 +89,14 @@ def create_app(config: ServerConfig, parsers: Parsers | None = None) -> FastAPI:
     app.state.config = config
     app.state.shared_parsers = parsers
     app.state.traffic = Traffic()
+    app.state.connections = connections_for(config)
     app.state.ready = False
     app.state.stopping = False
     app.state.open = False
 
     problems.install(app)
+    app.add_middleware(Head)
+    app.add_middleware(Bodies, config=config, uploads=UPLOADS)
     app.add_middleware(Access, config=config)
     app.add_middleware(RateLimit, config=config, traffic=app.state.traffic)
     app.add_middleware(Headers)  # added last, so outermost: refusals carry them too
@@ -115,12 +125,14 @@ def open_all(app: FastAPI) -> None:
     """Open the store, and with it every session, paused where it was. Raises PmpnbpError where that cannot be."""
     config: ServerConfig = app.state.config
     app.state.store = Store(config.data_dir, config.max_disk_bytes)
+    if config.token is not None:
+        app.state.page_cookie = page_cookie(config.data_dir, config.token)
     app.state.parsers = app.state.shared_parsers or parsers_for(config)
     app.state.uploads = Uploads(app.state.store, config, app.state.parsers)
     app.state.sessions = Sessions(app.state.store, config)
     app.state.sessions.restore()
     app.state.pictures = Pictures()
-    app.state.views = Views(limit=config.max_clients)
+    app.state.views = Views(config.max_views, config.max_views_full_rate)
     app.state.open = True
 
 

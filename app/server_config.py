@@ -49,11 +49,28 @@ class ServerConfig:
     max_sessions: int = _entry(100, "sessions", "that are kept", low=1)
     max_upload_bytes: int = _entry(256 * _MIB, "bytes", "of one upload", low=1024)
     max_disk_bytes: int = _entry(20 * _GIB, "bytes", "that the data directory may take", low=1024)
+    max_memory_bytes: int = _entry(
+        0, "bytes", "of memory that the server may take with its sessions; 0: what machine and container have", low=0
+    )
     parse_seconds: float = _entry(15.0, "seconds", "that reading an upload may take", low=0.1)
     # The readers of models take 800 MiB of addresses for their libraries alone.
     parse_bytes: int = _entry(2 * _GIB, "bytes", "of memory that reading an upload may take", low=_GIB)
     requests_per_second: float = _entry(1000.0, "1/s", "requests of one client, on average", low=0.1)
-    max_clients: int = _entry(200, "clients", "connected at once, event streams and 3D views among them", low=1)
+    max_views: int = _entry(60, "3D views", "open at once", low=1)
+    max_views_full_rate: int = _entry(
+        20,
+        "3D views",
+        "that are drawn 12 times a second; those opened later every 2 seconds while a session runs",
+        low=1,
+    )
+    max_clients: int = _entry(400, "clients", "connected at once: requests, event streams and 3D views", low=1)
+    max_clients_each: int = _entry(300, "clients", "of these, of one address", low=1)
+    max_uploads: int = _entry(32, "uploads", "that come in at once; all further ones are refused", low=1)
+    max_uploads_each: int = _entry(8, "uploads", "of these, of one address", low=1)
+    max_connections_each: int = _entry(512, "connections", "of one address, idle ones among them", low=1)
+    header_seconds: float = _entry(10.0, "seconds", "until a request's header must be whole", low=0.1)
+    # A body that goes on may pause for six times as long.
+    body_seconds: float = _entry(10.0, "seconds", "that a request's body may be behind 1 KiB/s", low=0.1)
 
     def __post_init__(self) -> None:
         for entry in fields(self):

@@ -1,140 +1,148 @@
-"""How fast does the server answer while it computes? Two sessions iterate, clients ask, listeners wait.
+"""How fast does the server answer while it computes and many look? Planners ask, listeners hear, views are drawn.
 
-Starts a server of its own on a free port with an empty data directory. The clients are one process with plain sockets,
-so that they take little of the two cores which they share with the server. Run it:
-`python -m benchmarks.server_load [--seconds 20] [--clients 20] [--listeners 50]`.
+Starts a server of its own on a free port with an empty data directory. The clients of each kind are a process of their
+own, which takes its share of the cores too; so iterations are told as a ratio to those without clients in the same run.
+Run it: `python -m benchmarks.server_load [--planners 100] [--listeners 100] [--views 20] [--seconds 20]`.
 """
 
 from __future__ import annotations
 
 import argparse
-import asyncio
-import json
+import os
 import signal
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import httpx
 import numpy as np
 
 from benchmarks import server_process
+from benchmarks.load_clients import Clients
 from benchmarks.server_process import CABINET, upload_model, upload_scan
+from benchmarks.session_memory import memory
 from benchmarks.tables import markdown, progress
 from benchmarks.trials import load_roi
 
-# A planner asks again after it has looked at the answer.
-PAUSE = 0.05
-
-
-@dataclass
-class Heard:
-    """What one listener has received. ids : of the iteration events, in order; newest : the last iteration's number."""
-
-    ids: list[int] = field(default_factory=list)
-    newest: int = -1
-
-    @property
-    def in_order(self) -> bool:
-        """Whether no event came twice or after a later one."""
-        return all(before < after for before, after in zip(self.ids, self.ids[1:], strict=False))
+# Seconds after which the sample sessions are at rest, where an iteration always takes the same.
+TO_REST = 12.0
+# As many connections as are asked for, from one address.
+ROOM = {"PMPNBP_MAX_CLIENTS": "2000", "PMPNBP_MAX_CLIENTS_EACH": "2000", "PMPNBP_MAX_VIEWS": "500"}
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Measure and print; exit status 1 where an answer was wrong or a listener missed the newest iteration."""
+    """Measure and print; exit status 1 where an answer was wrong, a stream ended or a listener missed something."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.server_load", description=__doc__)
-    parser.add_argument("--seconds", type=float, default=20.0, help="how long the clients ask (default 20)")
-    parser.add_argument("--clients", type=int, default=20, help="clients that ask for estimates (default 20)")
-    parser.add_argument("--listeners", type=int, default=50, help="listeners to server-sent events (default 50)")
-    arguments = parser.parse_args(words)
+    parser.add_argument("--seconds", type=float, default=20.0, help="how long the clients are there (default 20)")
+    parser.add_argument("--planners", type=int, default=100, help="clients that ask for estimates (default 100)")
+    parser.add_argument("--rate", type=float, default=2.0, help="times a second that a planner asks (default 2)")
+    parser.add_argument("--listeners", type=int, default=100, help="listeners to server-sent events (default 100)")
+    parser.add_argument("--views", type=int, default=20, help="open 3D views (default 20)")
+    parser.add_argument("--sessions", type=int, default=2, help="sessions that iterate (default 2)")
+    asked = parser.parse_args(words)
     with tempfile.TemporaryDirectory(prefix="load-") as folder:
-        server = server_process.start(Path(folder)).ready()
+        server = server_process.start(Path(folder), environment=ROOM).ready()
         try:
-            return asyncio.run(_measure(server.url, arguments.seconds, arguments.clients, arguments.listeners))
+            return _measure(server.url, server.process.pid, asked)
         finally:
             server.end(signal.SIGTERM)
 
 
-async def _measure(url: str, seconds: float, clients: int, listeners: int) -> int:
-    sessions = _sessions(url)
-    host, port = httpx.URL(url).host, httpx.URL(url).port or 80
-    rows = []
-    bad = 0
-    for title, running in (("no session runs", False), ("two sessions run", True)):
-        if running:
-            for session in sessions:
-                httpx.post(f"{url}/api/v1/sessions/{session}/run", json={"iterations": 100_000, "until": "iterations"})
-        progress(title)
-        paths = [f"/api/v1/sessions/{sessions[k % len(sessions)]}/estimate" for k in range(clients)]
-        found = await asyncio.gather(*(_ask(host, port, path, seconds) for path in paths))
-        taken = np.concatenate([times for times, _ in found]) * 1000.0
-        bad += sum(wrong for _, wrong in found)
-        quantiles = (f"{np.percentile(taken, q):.1f}" for q in (50, 90, 99, 100))
-        rows.append([title, clients, len(taken), f"{len(taken) / seconds:.0f}", *quantiles])
-    print(markdown(["", "clients", "answers", "a second", "median (ms)", "90 %", "99 %", "longest"], rows))
-    heard = [Heard() for _ in range(listeners)]
-    tasks = [asyncio.create_task(_listen(host, port, sessions[0], one)) for one in heard]
-    await asyncio.sleep(min(seconds, 10.0))
-    for session in sessions:
-        httpx.post(f"{url}/api/v1/sessions/{session}/pause")
-    await asyncio.sleep(1.0)
-    last = httpx.get(f"{url}/api/v1/sessions/{sessions[0]}").json()["iteration"]
-    for task in tasks:
-        task.cancel()
-    complete = sum(one.in_order and one.newest == last for one in heard)
-    events = sum(len(one.ids) for one in heard)
-    print(f"\n{complete} of {listeners} listeners heard iteration {last}, the newest, in order ({events} events);")
-    print(f"{bad} bad answers.")
-    return int(complete < listeners or bad > 0)
+def _measure(url: str, process: int, asked: argparse.Namespace) -> int:
+    sessions = _sessions(url, asked.sessions)
+    quiet = min(asked.seconds, 10.0)
+    progress("nobody asks")
+    time.sleep(TO_REST)
+    before = _iterations_a_second(url, sessions, quiet)
+    began = memory(process)
+    counts = {"planners": asked.planners, "listeners": asked.listeners, "views": asked.views}
+    progress(", ".join(f"{count} {kind}" for kind, count in counts.items()))
+    clients = {
+        kind: Clients(kind, url, sessions, count, asked.seconds + 2.0, asked.rate)
+        for kind, count in counts.items()
+        if count
+    }
+    for one in clients.values():
+        one.connected()
+    during = _iterations_a_second(url, sessions, asked.seconds, processor := _Processor(process))
+    ended = memory(process)
+    seen = {kind: one.seen() for kind, one in clients.items()}
+    after = _iterations_a_second(url, sessions, quiet)
+    undisturbed = (before + after) / 2
+    print(f"{os.cpu_count()} cores; iterations a second: {before:.1f}, with clients {during:.1f}, then {after:.1f}:")
+    print(f"**{during / undisturbed:.0%}** of the undisturbed rate. ", end="")
+    print(f"The server's process took {processor.share:.0%} of one core with clients.")
+    print(f"Its memory: {began['VmRSS']:.0f} MB before, {ended['VmRSS']:.0f} MB with them at the end.\n")
+    return _tell(seen, asked)
 
 
-async def _ask(host: str, port: int, path: str, seconds: float) -> tuple[list[float], int]:
-    """Seconds each answer took, over one connection, and how many were not 200 with a whole estimate."""
-    reader, writer = await asyncio.open_connection(host, port)
-    taken, wrong = [], 0
-    end = time.perf_counter() + seconds
-    while time.perf_counter() < end:
-        start = time.perf_counter()
-        writer.write(f"GET {path} HTTP/1.1\r\nHost: {host}:{port}\r\nAccept: application/json\r\n\r\n".encode())
-        head = (await reader.readuntil(b"\r\n\r\n")).decode().lower()
-        length = int(head.partition("content-length:")[2].split("\r\n")[0])
-        body = await reader.readexactly(length)
-        taken.append(time.perf_counter() - start)
-        wrong += not (head.startswith("http/1.1 200") and json.loads(body)["schema"] == "pmpnbp/estimate-1")
-        await asyncio.sleep(PAUSE)
-    writer.close()
-    return taken, wrong
+def _tell(seen: dict[str, dict[str, Any]], asked: argparse.Namespace) -> int:
+    rows, bad = [], 0
+    for kind, found in seen.items():
+        statuses = ", ".join(f"{count} × {status}" for status, count in sorted(found["statuses"].items()))
+        right = {"planners": "200", "listeners": "200", "views": "101"}[kind]
+        bad += sum(count for status, count in found["statuses"].items() if status != right) + found.get("ended", 0)
+        share = f"{found['processor_seconds'] / asked.seconds:.0%}"
+        told = ""
+        if kind == "planners":
+            taken = found["milliseconds"]
+            quantiles = {f"{q} %": np.percentile(taken, q) for q in (50, 90, 99, 100)}
+            told = ", ".join(f"{name}: {value:.1f} ms" for name, value in quantiles.items())
+        elif kind == "listeners":
+            told = f"{found['events']} events, in order at {found['in_order']}"
+            bad += asked.listeners - found["in_order"]
+        else:
+            told = f"{found['megabytes']:.0f} MB"
+        rows.append([kind, statuses, found.get("ended", 0), told, share])
+    print(markdown(["clients", "answers", "ended early", "saw", "of a core"], rows))
+    print(f"\n{bad} bad answers, streams and views.")
+    return int(bad > 0)
 
 
-async def _listen(host: str, port: int, session: str, heard: Heard) -> None:
-    reader, writer = await asyncio.open_connection(host, port)
-    path = f"/api/v1/sessions/{session}/events"
-    writer.write(f"GET {path} HTTP/1.1\r\nHost: {host}:{port}\r\nAccept: text/event-stream\r\n\r\n".encode())
-    number, kind = -1, ""
-    while line := await reader.readline():
-        text = line.decode().rstrip()
-        name, _, value = text.partition(": ")
-        if name == "id":
-            number = int(value)
-        elif name == "event":
-            kind = value
-        elif name == "data" and kind == "iteration":
-            heard.ids.append(number)
-            heard.newest = json.loads(value)["iteration"]
+class _Processor:
+    """Seconds of the processor that a process takes, from when it is made until `share` is asked for."""
+
+    def __init__(self, process: int) -> None:
+        self._process = process
+        self._began, self._spent = time.monotonic(), self._seconds()
+        self.share = 0.0
+
+    def stop(self) -> None:
+        """Note its share of one core."""
+        self.share = (self._seconds() - self._spent) / (time.monotonic() - self._began)
+
+    def _seconds(self) -> float:
+        fields = Path(f"/proc/{self._process}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def _sessions(url: str) -> list[str]:
-    """Two sessions on the open cabinet, each after one step so that there is an estimate."""
+def _iterations_a_second(
+    url: str, sessions: Sequence[str], seconds: float, processor: _Processor | None = None
+) -> float:
+    def iterations() -> int:
+        answers = [httpx.get(f"{url}/api/v1/sessions/{session}", timeout=60.0).json() for session in sessions]
+        return sum(answer["iteration"] for answer in answers)
+
+    began, first = time.monotonic(), iterations()
+    time.sleep(seconds)
+    if processor is not None:
+        processor.stop()
+    return (iterations() - first) / (time.monotonic() - began)
+
+
+def _sessions(url: str, count: int) -> list[str]:
+    """Sessions on the open cabinet, which iterate."""
     with httpx.Client(base_url=f"{url}/api/v1", timeout=120.0) as client:
         model, scan = upload_model(client), upload_scan(client)
         roi = load_roi(CABINET / "open").tolist()
         found = []
-        for seed in range(2):
+        for seed in range(count):
             body = {"model_id": model.json()["id"], "scan_ids": [scan.json()["id"]], "roi": roi, "seed": seed}
             found.append(str(client.post("/sessions", json=body).json()["id"]))
-            client.post(f"/sessions/{found[-1]}/step", json={"iterations": 1}).raise_for_status()
+            order = {"iterations": 100_000, "until": "iterations"}
+            client.post(f"/sessions/{found[-1]}/run", json=order).raise_for_status()
         return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -39,20 +40,51 @@ class DamageError(RecordingError):
     """Nothing of a recording can be had, as it is damaged."""
 
 
-class DiskFullError(RecordingError):
-    """There is no room left on the disk of the data directory."""
+class StorageError(RecordingError):
+    """A file cannot be written, and whoever gave the input is not to blame for it."""
 
-    def __init__(self) -> None:
-        super().__init__("the disk of the data directory is full; nothing was changed")
+
+_FULL = "its disk is full"
+_TOO_LARGE = "a file would grow beyond what the system lets this process write (ulimit -f)"
+_REASONS_OF_THE_SYSTEM = {
+    errno.ENOSPC: _FULL,
+    errno.EDQUOT: _FULL,
+    errno.EROFS: "it is read-only",
+    errno.EACCES: "the user that this process runs as may not write there",
+    errno.EPERM: "the user that this process runs as may not write there",
+    errno.EFBIG: _TOO_LARGE,
+    errno.EIO: "its disk fails",
+}
+# SQLite does not tell a file that may not grow from a disk that fails.
+_REASONS_OF_SQLITE = {
+    sqlite3.SQLITE_FULL: _FULL,
+    sqlite3.SQLITE_READONLY: "it is read-only",
+    sqlite3.SQLITE_IOERR: f"its disk fails, or {_TOO_LARGE}",
+    sqlite3.SQLITE_CANTOPEN: "a file cannot be opened to be written",
+}
+
+
+def why_not_written(error: Exception) -> str | None:
+    """What `error` of the system or of SQLite says of the place that was written to; None where it is another error."""
+    if isinstance(error, OSError):
+        return _REASONS_OF_THE_SYSTEM.get(error.errno or 0)
+    if isinstance(error, sqlite3.Error):
+        return _REASONS_OF_SQLITE.get(getattr(error, "sqlite_errorcode", 0) & 0xFF)
+    return None
+
+
+def data_directory_error(reason: str = _FULL) -> StorageError:
+    """The data directory takes no more; `reason` as `why_not_written` gives it."""
+    return StorageError(f"the data directory cannot be written: {reason}; nothing was changed")
 
 
 @contextmanager
-def full_disk_told() -> Iterator[None]:
-    """Turns the "no space left" of the system, of SQLite and of a recording's writer into DiskFullError."""
+def storage_told() -> Iterator[None]:
+    """Around what writes into the data directory: turns the errors of the system and of SQLite into StorageError."""
     try:
         yield
-    except Exception as error:
-        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
-        if full or "disk is full" in str(error):
-            raise DiskFullError from error
+    except (OSError, sqlite3.Error) as error:
+        reason = why_not_written(error)
+        if reason is not None:
+            raise data_directory_error(reason) from error
         raise

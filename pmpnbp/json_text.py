@@ -1,10 +1,40 @@
-"""JSON as it leaves the program: in UTF-8, without NaN or infinities, which JSON does not have; they become null."""
+"""JSON as it comes in and as it leaves the program: text that can be written as UTF-8, either way.
+
+JSON can name half of a surrogate pair, as in `"\\ud800"`, which is no text: it would be read without a word, and fail
+whoever writes it. So it is refused where it comes in. NaN and infinities, which JSON does not have, leave as null.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 from typing import Any
+
+
+def read_json(text: str) -> Any:
+    """What the JSON `text` says. Raises ValueError where it is none or nested too deep; UnicodeEncodeError, which is
+    one, where it holds half of a surrogate pair."""
+    try:
+        value = json.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deep") from None
+    if "\\u" in text or not text.isascii():
+        check_text(value)
+    return value
+
+
+def check_text(value: Any) -> None:
+    """Raise UnicodeEncodeError where a string in the JSON `value`, a member's name too, is no text."""
+    waiting = [value]
+    while waiting:
+        found = waiting.pop()
+        if isinstance(found, str):
+            found.encode()
+        elif isinstance(found, dict):
+            waiting += found
+            waiting += found.values()
+        elif isinstance(found, list):
+            waiting += found
 
 
 def json_bytes(value: Any) -> bytes:

@@ -23,6 +23,7 @@ FLOORS = (
     "pmpnbp.errors",
     "pmpnbp.version",
     "pmpnbp.json_text",
+    "pmpnbp.names",
     "pmpnbp.settings",
     "pmpnbp.geometry",
     "pmpnbp.scene",

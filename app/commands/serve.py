@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import functools
 import logging
 import secrets
 import signal
@@ -13,11 +12,14 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
+from functools import partial
 
 import anyio.to_thread
 import uvicorn
 from fastapi import FastAPI
 
+from app.http import descriptors
+from app.http.protocols import HttpProtocol, WebsocketProtocol
 from app.server_config import ServerConfig, config_from
 from pmpnbp.errors import PmpnbpError
 
@@ -28,6 +30,12 @@ STOP_SECONDS = 5
 # the server closes it just as they use it again, and what they get is an error.
 KEEP_ALIVE_SECONDS = 20
 WEBSOCKET_BYTES = 64 << 20
+# Connections that are accepted before any is looked at, and whether there are too many.
+BACKLOG = 256
+
+
+# How uvicorn's messages begin that are about what a client sent.
+_OF_CLIENTS = ("Invalid HTTP request", "Unsupported upgrade", "No supported WebSocket", "Invalid UTF-8 sequence")
 
 
 class ServeError(PmpnbpError):
@@ -44,6 +52,8 @@ class Server(uvicorn.Server):
 
     async def startup(self, sockets: Sequence[socket.socket] | None = None) -> None:
         """Start, and have it said where."""
+        asyncio.get_running_loop().set_exception_handler(descriptors.AcceptErrors())
+        self._app.state.connections.watch()
         await super().startup(sockets=list(sockets) if sockets is not None else None)
         if self.started and self._listening is not None:
             self._listening()
@@ -66,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     config = config_from({entry.name: getattr(arguments, entry.name, None) for entry in fields(ServerConfig)})
     if config.token is None and not config.loopback:
         config = replace(config, token=secrets.token_urlsafe(24))
-    return serve(config, logging.INFO, lambda app, config: functools.partial(say, link(config)))
+    return serve(config, logging.INFO, lambda app, config: partial(say, link(config)))
 
 
 def serve(config: ServerConfig, level: int, opened: Callable[[FastAPI, ServerConfig], Callable[[], None]]) -> int:
@@ -79,6 +89,7 @@ def serve(config: ServerConfig, level: int, opened: Callable[[FastAPI, ServerCon
     """
     logging.basicConfig(level=level, format="%(levelname)s: %(name)s: %(message)s", stream=sys.stderr)
     quiet_libraries()
+    descriptors.raise_limit()
     listening = _listen(config)
     config = replace(config, port=listening.getsockname()[1])
     from app.server import close_all, create_app, open_all  # seconds of imports: bad settings are said before
@@ -103,6 +114,12 @@ def quiet_libraries() -> None:
     """Leave what comes and goes out of the log: requests are counted at /metrics, and a 3D view's connections too."""
     for library in ("httpx", "websockets"):
         logging.getLogger(library).setLevel(logging.WARNING)
+    logging.getLogger("uvicorn.error").addFilter(_of_ours)
+
+
+def _of_ours(record: logging.LogRecord) -> bool:
+    """Whether a record of uvicorn is about us: a client is told what it did wrong, and could fill the log with it."""
+    return not str(record.msg).startswith(_OF_CLIENTS)
 
 
 def say(line: str) -> None:
@@ -113,8 +130,12 @@ def say(line: str) -> None:
 
 def server_for(app: FastAPI, config: ServerConfig, listening: Callable[[], None] | None = None) -> Server:
     """A server for `app` that has not started. listening : called once it has."""
+    connections = app.state.connections
     settings = uvicorn.Config(
         app,
+        http=partial(HttpProtocol, connections=connections),  # type: ignore[arg-type]
+        ws=partial(WebsocketProtocol, connections=connections),  # type: ignore[arg-type]
+        backlog=BACKLOG,
         host=config.host,
         port=config.port,
         log_level="warning",

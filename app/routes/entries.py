@@ -2,13 +2,15 @@
 
 # without `from __future__ import annotations`: the framework evaluates those of the routes, which name their factory's
 # variables
+from collections.abc import Iterable
+from contextlib import suppress
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request, Response
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, ValidationError
 
 from app.documentation import answer
-from app.problems import responses
+from app.problems import HttpProblem, responses
 from app.store.store import KINDS, Document, Kind, Store
 from app.uploads.uploads import Uploads, etag, unchanged
 
@@ -51,7 +53,7 @@ def entry_routes(
         summary=f"Upload a {noun}",
         description=upload,
         responses=answer("Taken in, and safe on the disk.", status=201, model=schema, headers=_NEW)
-        | responses(408, 409, 413, 415, 507),
+        | responses(408, 409, 413, 415, 507, status_503="The process that reads it was killed; send it again."),
         openapi_extra=form,
     )
     async def create(request: Request, response: Response) -> Any:
@@ -67,8 +69,8 @@ def entry_routes(
         description=f"Oldest first. {listed}".strip(),
     )
     def list_all(request: Request) -> Any:
-        """Every entry's document."""
-        return store_of(request).documents(kind)
+        """Every entry's document but those that are damaged."""
+        return tellable(schema, store_of(request).documents(kind))
 
     @router.get(
         path,
@@ -81,8 +83,10 @@ def entry_routes(
     def get(id: Annotated[str, Path(alias=f"{noun}_id")], request: Request, response: Response) -> Any:
         """An entry's document, or 304."""
         document = store_of(request).document(kind, id)
-        if unchanged(request, document):
-            return not_modified(document)
+        if not tellable(schema, [document]):
+            raise HttpProblem(404, f"{noun} '{id}' is damaged: its {noun}.json does not tell what a {noun}'s does")
+        if unchanged(request, etag(document)):
+            return not_modified(etag(document))
         response.headers["ETag"] = etag(document)
         return document
 
@@ -122,11 +126,21 @@ def form(file: str, **fields: str) -> dict[str, Any]:
     return {"requestBody": body, "parameters": [key]}
 
 
+def tellable(schema: type[BaseModel], documents: Iterable[Document]) -> list[Document]:
+    """Those of the documents that say what `schema` asks for: a damaged one must not take the list of all away."""
+    found = []
+    for document in documents:
+        with suppress(ValidationError):
+            schema.model_validate(document)
+            found.append(document)
+    return found
+
+
 def store_of(request: Request) -> Store:
     """The server's store."""
     return request.app.state.store
 
 
-def not_modified(document: Document) -> Response:
+def not_modified(tag: str) -> Response:
     """The answer 304."""
-    return Response(status_code=304, headers={"ETag": etag(document)})
+    return Response(status_code=304, headers={"ETag": tag})

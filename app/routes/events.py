@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
 from typing import Annotated
 
 import anyio.to_thread
 from fastapi import APIRouter, Depends, Header, Query
-from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from app.problems import HttpProblem, responses
-from app.routes.event_stream import RETRY, News, news, not_stored
+from app.routes.event_stream import EVENTS, IDLE, IDLE_SECONDS, RETRY, EventStream, News, news
 from app.routes.parameters import find_source
 from app.sessions.events import Event
 from app.sessions.source import Source
@@ -39,11 +39,7 @@ async def _news(session: Session, every: Every = 0) -> AsyncIterator[News]:
 
 
 @router.get(
-    "/events",
-    response_class=EventSourceResponse,
-    summary="What happens, as it happens",
-    dependencies=[Depends(not_stored)],
-    responses=responses(404),
+    "/events", response_class=EventStream, summary="What happens, as it happens", responses=EVENTS | responses(404)
 )
 async def get_events(
     session: Session,
@@ -52,30 +48,32 @@ async def get_events(
         str | None, Header(description="number of the last event that was received", pattern="^[0-9]{0,15}$")
     ] = None,
     every: Every = 0,
-) -> AsyncIterator[ServerSentEvent]:
+) -> EventStream:
     """Server-sent events. `iteration`: a row of the trace. `state`: state, iteration, iterations, until, converged,
     certain, error, position, as the session has them. `error`: error, iteration. Numbers only rise. A stream begins
     with the newest iteration and the state; with Last-Event-ID, with what came after that event. A slow listener may
     miss iterations, never the newest. With `every`, iterations are gathered and come once in so many seconds; states
     and errors, and the iterations before them, come at once. That of an uploaded recording tells how it ends, and stays
     open."""
-    # what came after the last event that was received (none: how things stand), then everything new; ends with the
-    # session, or the server
+    return EventStream(_told(session, fresh, int(last_event_id) if last_event_id else None, every))
+
+
+async def _told(session: Source, fresh: News, seen: int | None, every: float) -> AsyncIterator[bytes]:
+    """What came after event `seen` (None: how things stand), then everything new; ends with the session, or the
+    server."""
     events = session.events
     cursor = events.last
     yield RETRY
-    seen = int(last_event_id) if last_event_id else None
-    for event in await anyio.to_thread.run_sync(_before, session, seen, cursor):
-        yield _sent(event)
+    yield b"".join(event.text for event in await anyio.to_thread.run_sync(_before, session, seen, cursor))
+    last = time.monotonic()
     while not events.closed:
-        for event in events.since(cursor):
-            yield _sent(event)
-            cursor = event.number
-        await fresh.words(every or None)
-
-
-def _sent(event: Event) -> ServerSentEvent:
-    return ServerSentEvent(id=str(event.number), event=event.kind, raw_data=event.data.decode())
+        if new := events.since(cursor):
+            cursor, last = new[-1].number, time.monotonic()
+            yield b"".join(event.text for event in new)
+        elif time.monotonic() - last >= IDLE_SECONDS:
+            last = time.monotonic()
+            yield IDLE
+        await fresh.words(every or IDLE_SECONDS)
 
 
 def _before(session: Source, seen: int | None, cursor: int) -> list[Event]:

@@ -6,7 +6,6 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import PlainTextResponse
@@ -16,6 +15,7 @@ from prometheus_client.registry import Collector
 from pydantic import BaseModel, Field
 from starlette.datastructures import State
 
+from app.memory import resident_bytes
 from app.problems import HttpProblem, responses
 from pmpnbp.version import version
 
@@ -74,9 +74,18 @@ class _Figures(Collector):
         yield InfoMetricFamily("pmpnbp", "which version runs", {"version": version()})
         yield GaugeMetricFamily("pmpnbp_ready", "1 once kernels are compiled and the store is open", state.ready)
         yield GaugeMetricFamily("pmpnbp_uptime_seconds", "since the server was started", time.time() - _STARTED)
-        yield GaugeMetricFamily("pmpnbp_resident_memory_bytes", "of the server's process", _resident_bytes())
+        yield GaugeMetricFamily("pmpnbp_resident_memory_bytes", "of the server's process", resident_bytes())
         yield GaugeMetricFamily("pmpnbp_stored_bytes", "in the data directory", state.store.used_bytes())
-        yield GaugeMetricFamily("pmpnbp_clients", "requests, streams and 3D views now open", state.traffic.connected)
+        yield GaugeMetricFamily(
+            "pmpnbp_clients", "requests, streams and 3D views now open", state.traffic.connected.all
+        )
+        yield GaugeMetricFamily("pmpnbp_connections", "open, idle ones among them", len(state.connections))
+        ended = CounterMetricFamily(
+            "pmpnbp_connections_ended", "refused, or ended by the server, by reason", labels=["reason"]
+        )
+        for reason, count in sorted(state.connections.ended.items()):
+            ended.add_metric([reason], count)
+        yield ended
         requests = CounterMetricFamily(
             "pmpnbp_http_requests", "requests answered, by method and status", labels=["method", "status"]
         )
@@ -87,14 +96,3 @@ class _Figures(Collector):
         for name, count in sorted(Counter(document["state"] for document in state.sessions.list()).items()):
             sessions.add_metric([name], count)
         yield sessions
-
-
-def _resident_bytes() -> int:
-    """Of this process; 0 where the system does not tell."""
-    try:
-        for line in Path("/proc/self/status").read_text(encoding="ascii", errors="replace").splitlines():
-            if line.startswith("VmRSS:"):
-                return int(line.split()[1]) * 1024
-    except OSError:
-        pass
-    return 0

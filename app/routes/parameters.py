@@ -19,7 +19,6 @@ from pmpnbp.readout.snapshot import Snapshot
 
 SessionId = Annotated[str, Path(description="id of the session")]
 SourceId = Annotated[str, Path(description="id of the session, or of an uploaded recording")]
-Link = Annotated[str, Path(description="name of the link")]
 Iteration = Annotated[
     int | None, Query(ge=0, le=2**31, description="number of the iteration, 0 is the start; default: the newest")
 ]

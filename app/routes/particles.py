@@ -10,7 +10,8 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from app.documentation import PICTURE
 from app.pictures.particle_picture import LONGEST, NARROWEST, particle_picture
 from app.problems import HttpProblem, responses
-from app.routes.parameters import Iteration, Link, SessionId, read
+from app.routes.named import Link, NamedRoute
+from app.routes.parameters import Iteration, SessionId, read
 from app.schemas_particles import HeaviestParticles, Marginals, ParticleReasons
 from app.sessions.source import Source, no_view
 from pmpnbp.inference.belief import SOURCES
@@ -21,7 +22,7 @@ from pmpnbp.readout.result import number_or_list
 from pmpnbp.readout.snapshot import Snapshot
 from pmpnbp.scene.articulated_object import parts_of_links
 
-router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"])
+router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"], route_class=NamedRoute)
 
 Index = Annotated[int, Path(ge=0, le=2**31, description="number of the particle, counted from 0")]
 _NOT_HERE = responses(409, status_404="The session, the link or the iteration is not here.")
@@ -29,7 +30,7 @@ _NO_PARTICLE = responses(409, status_404="The session, the link, the iteration o
 
 
 @router.get(
-    "/beliefs/{link}/marginals",
+    "/beliefs/{link:path}/marginals",
     response_model=Marginals,
     summary="The belief about a link, one number at a time",
     responses=_NOT_HERE,
@@ -51,7 +52,7 @@ def get_marginals(
 
 
 @router.get(
-    "/beliefs/{link}/particles",
+    "/beliefs/{link:path}/particles",
     response_model=HeaviestParticles,
     summary="The heaviest particles of a belief",
     responses=_NOT_HERE,
@@ -74,7 +75,7 @@ def get_heaviest_particles(
 
 
 @router.get(
-    "/beliefs/{link}/particles/{index}",
+    "/beliefs/{link:path}/particles/{index}",
     response_model=ParticleReasons,
     summary="Why a particle weighs what it does",
     responses=_NO_PARTICLE,
@@ -110,7 +111,7 @@ def get_particle(session_id: SessionId, link: Link, index: Index, request: Reque
 
 
 @router.get(
-    "/beliefs/{link}/particles/{index}/picture.png",
+    "/beliefs/{link:path}/particles/{index}/picture.png",
     response_class=Response,
     summary="What speaks for a particle in a scan, and what against",
     responses=PICTURE

@@ -57,8 +57,8 @@ router = entry_routes(
 def download_recording(recording_id: str, request: Request) -> Response:
     """The SQLite file, byte for byte as it was uploaded."""
     document = store_of(request).document("recordings", recording_id)
-    if unchanged(request, document):
-        return not_modified(document)
+    if unchanged(request, etag(document)):
+        return not_modified(etag(document))
     name = PurePath(safe_name(document["file_name"])).stem + ".sqlite"
     file = store_of(request).file("recordings", recording_id)
     return FileResponse(file, media_type=MEDIA_TYPE, filename=name, headers={"ETag": etag(document)})

@@ -18,11 +18,12 @@ from app import schemas_results as schemas
 from app.documentation import BINARY, answer
 from app.particle_files import MEDIA_TYPES, Format, written
 from app.problems import HttpProblem, responses
-from app.routes.parameters import Iteration, Link, SessionId, find_source, read, read_out, sessions_of, told
+from app.routes.named import Link, NamedRoute, two_names
+from app.routes.parameters import Iteration, SessionId, check_links, find_source, read, read_out, sessions_of, told
 from app.routes.recordings import MEDIA_TYPE
 from app.sessions.source import Source
 from app.store.store import safe_name
-from pmpnbp.errors import full_disk_told
+from pmpnbp.errors import storage_told
 from pmpnbp.geometry import poses
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.coordinates import coordinates
@@ -30,7 +31,7 @@ from pmpnbp.readout.posterior import Posterior
 from pmpnbp.readout.snapshot import Snapshot
 from pmpnbp.scene.articulated_object import parts_of_links
 
-router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"])
+router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"], route_class=NamedRoute)
 
 FormatQuery = Annotated[
     Format,
@@ -105,7 +106,7 @@ def _await(session: Source, wait: Wait, timeout: float) -> None:
 
 
 @router.get(
-    "/beliefs/{link}",
+    "/beliefs/{link:path}",
     response_class=Response,
     summary="The belief about a link",
     responses=answer("The particles.", model=schemas.BeliefParticles, content=_FILES)
@@ -126,7 +127,7 @@ def get_belief(
 
 
 @router.get(
-    "/posterior/{link}",
+    "/posterior/{link:path}",
     response_class=Response,
     summary="Where a link may be, given the scan",
     responses=answer("The draws.", model=schemas.PosteriorDraws, content=_FILES)
@@ -187,7 +188,7 @@ def _coordinates(session: Source, snapshot: Snapshot, asked: list[str]) -> Respo
 
 
 @router.get(
-    "/messages/{sender}/{receiver}",
+    "/messages/{sender:path}/{receiver:path}",
     response_class=Response,
     summary="What one part says about another",
     responses=answer("The particles.", model=schemas.MessageParticles, content=_FILES)
@@ -195,15 +196,17 @@ def _coordinates(session: Source, snapshot: Snapshot, asked: list[str]) -> Respo
 )
 def get_message(
     session_id: SessionId,
-    sender: Annotated[str, Path(description="name of a link of the part that says it")],
-    receiver: Annotated[str, Path(description="name of the link that it is about")],
+    sender: Annotated[str, Path(description="name of a link of the part that says it; a slash in it as %2F")],
+    receiver: Annotated[str, Path(description="name of the link that it is about; likewise")],
     request: Request,
     iteration: Iteration = None,
     form: FormatQuery = "json",
 ) -> Response:
     """The message between two parts that a joint connects: poses of the receiver's link in world, metres, with log
     weights. A part is named by any of its links. The search and the particle filter send no messages."""
-    session, snapshot = read(request, session_id, iteration, [sender, receiver])
+    session, snapshot = read(request, session_id, iteration)
+    sender, receiver = two_names(f"{sender}/{receiver}", snapshot.problem.mrf.model.links)
+    check_links(snapshot, [sender, receiver])
     parts, messages = snapshot.problem.mrf.model.parts, snapshot.report.messages
     if messages is None:
         raise HttpProblem(404, f"iteration {snapshot.iteration} ({snapshot.report.stage}) has no messages")
@@ -265,7 +268,7 @@ def get_recording_of_session(session_id: SessionId, request: Request) -> Streami
     # the copy has no name any more when it is sent: nothing is left of it, however the call ends
     session = sessions_of(request).get(session_id)
     title = safe_name(f"{session.status()['name'] or session.id}.sqlite")
-    with full_disk_told(), TemporaryDirectory(dir=request.app.state.store.root / "incoming") as folder:
+    with storage_told(), TemporaryDirectory(dir=request.app.state.store.root / "incoming") as folder:
         copy = FilePath(folder) / "recording.sqlite"
         session.archive.copy_to(copy)
         file = copy.open("rb")

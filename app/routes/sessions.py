@@ -9,6 +9,7 @@ from fastapi import APIRouter, Header, Request, Response
 
 from app.documentation import answer
 from app.problems import responses
+from app.routes.entries import tellable
 from app.routes.parameters import LiveSession, SessionId, sessions_of
 from app.schemas import AddScanRequest, ChangeRequest, RunRequest, Session, SessionRequest, StepRequest
 from app.store.idempotency import call_key
@@ -44,7 +45,9 @@ def create_session(
     fingerprint = hashlib.sha256(body.model_dump_json().encode()).hexdigest()
     members = body.model_dump()
     document = store.idempotency.once(
-        call_key(f"POST {path}", idempotency_key), fingerprint, lambda: sessions_of(request).create(members).status()
+        call_key(f"POST {path}", idempotency_key),
+        fingerprint,
+        lambda call: sessions_of(request).create(members, call).status(),
     )
     response.headers["Location"] = f"{path}/{document['id']}"
     return document
@@ -53,7 +56,7 @@ def create_session(
 @router.get("/sessions", response_model=list[Session], summary="All sessions")
 def list_sessions(request: Request) -> Any:
     """Oldest first, damaged ones too."""
-    return sessions_of(request).list()
+    return tellable(Session, sessions_of(request).list())
 
 
 @router.get("/sessions/{session_id}", response_model=Session, summary="One session", responses=responses(404))

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request, Response
 from fastapi.responses import FileResponse
 
 from app.problems import HttpProblem
+from app.routes.entries import not_modified
+from app.uploads.uploads import unchanged
 
 router = APIRouter(include_in_schema=False)
 
@@ -23,32 +25,35 @@ MEDIA_TYPES = {
 
 
 @router.get("/")
-def start() -> FileResponse:
+def start(request: Request) -> Response:
     """The list of sessions."""
-    return _file("index.html")
+    return _file("index.html", request)
 
 
 @router.get("/sessions/{session_id}")
 @router.get("/sessions/{session_id}/")
-def session_page() -> FileResponse:
+def session_page(request: Request) -> Response:
     """The page of one session or recording, which asks for it itself and says where there is none."""
-    return _file("session.html")
+    return _file("session.html", request)
 
 
 @router.get("/favicon.ico")
-def icon() -> FileResponse:
+def icon(request: Request) -> Response:
     """What browsers ask for without being told to."""
-    return _file("icon.svg")
+    return _file("icon.svg", request)
 
 
 @router.get("/static/{name:path}")
-def static_file(name: str) -> FileResponse:
+def static_file(name: str, request: Request) -> Response:
     """One of the page's files, by its path in the folder."""
-    return _file(name)
+    return _file(name, request)
 
 
-def _file(name: str) -> FileResponse:
+def _file(name: str, request: Request) -> Response:
+    """The file, or 304 where the browser has it as it is."""
     files = {path.relative_to(STATIC).as_posix(): path for path in STATIC.rglob("*") if path.suffix in MEDIA_TYPES}
     if name not in files:
         raise HttpProblem(404, f"page file '{name}' is not here; there are {', '.join(sorted(files)) or 'none'}")
-    return FileResponse(files[name], media_type=MEDIA_TYPES[files[name].suffix])
+    path = files[name]
+    answer = FileResponse(path, media_type=MEDIA_TYPES[path.suffix], stat_result=path.stat())
+    return not_modified(answer.headers["etag"]) if unchanged(request, answer.headers["etag"]) else answer

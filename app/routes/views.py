@@ -8,13 +8,13 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Path, Request, Response
 from fastapi.responses import HTMLResponse
-from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from app.documentation import answer
 from app.problems import HttpProblem, responses
-from app.routes.event_stream import RETRY, News, news, not_stored
+from app.routes.event_stream import EVENTS, IDLE, RETRY, EventStream, News, news
 from app.routes.parameters import SourceId, sessions_of
 from app.security import VIEW_POLICY
+from app.sessions.events import written
 from app.sessions.source import Source
 from app.store.store import safe_name
 from app.viewer.view import View, ViewStatus
@@ -77,21 +77,23 @@ async def _news(view: KeptView) -> AsyncIterator[News]:
 
 @of_a_view.get(
     "/events",
-    response_class=EventSourceResponse,
+    response_class=EventStream,
     summary="What changes in a 3D view, as it changes",
-    dependencies=[Depends(not_stored)],
-    responses=responses(404),
+    responses=EVENTS | responses(404),
 )
-async def get_view_events(view: KeptView, fresh: Annotated[News, Depends(_news)]) -> AsyncIterator[ServerSentEvent]:
+async def get_view_events(view: KeptView, fresh: Annotated[News, Depends(_news)]) -> EventStream:
     """Server-sent events. `view`: the whole state, first as it is, then after each change, those made in the scene too:
     a click on a particle, a dragged handle, another place to look from. `drawn`: what was drawn, each time."""
+    return EventStream(_told(view, fresh))
+
+
+async def _told(view: View, fresh: News) -> AsyncIterator[bytes]:
     yield RETRY
     kinds = {"view"}
     while not view.closed:
-        for what in sorted(kinds, reverse=True):
-            state = view.answer() if what == "view" else view.drawn_members()
-            yield ServerSentEvent(event=what, raw_data=json_bytes(state).decode())
-        kinds = {"view" if what == "clients" else what for what in await fresh.words()}
+        states = {what: view.answer() if what == "view" else view.drawn_members() for what in kinds}
+        yield b"".join(written(what, json_bytes(states[what])) for what in sorted(kinds, reverse=True)) or IDLE
+        kinds = {"view" if what == "clients" else what for what in await fresh.words()} - {"closed"}
 
 
 @of_a_view.get(

@@ -10,6 +10,8 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import takewhile
 
 # Numbers set aside at a time.
 BLOCK = 1000
@@ -24,6 +26,16 @@ class Event:
     number: int
     kind: str
     data: bytes
+
+    @cached_property
+    def text(self) -> bytes:
+        """As every stream of server-sent events has it; made once for all listeners."""
+        return written(self.kind, self.data, self.number)
+
+
+def written(kind: str, data: bytes, number: int | None = None) -> bytes:
+    """A server-sent event. data : one line, UTF-8; number : its id"""
+    return b"event: %s\ndata: %s\n%s\n" % (kind.encode(), data, b"" if number is None else b"id: %d\n" % number)
 
 
 class Events:
@@ -77,7 +89,7 @@ class Events:
     def since(self, number: int) -> list[Event]:
         """The events after `number` that are still kept, oldest first."""
         with self._lock:
-            return [event for event in self._kept if event.number > number]
+            return [*takewhile(lambda event: event.number > number, reversed(self._kept))][::-1]
 
     def listen(self, wake: Callable[[], None]) -> Callable[[], None]:
         """Call `wake` after each event, from the publisher's thread; it must return at once. What is returned ends

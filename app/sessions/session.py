@@ -23,12 +23,13 @@ from app.sessions.document import Document
 from app.sessions.events import Event, Events
 from app.sessions.goal import Goal
 from app.sessions.long_read_out import LongReadOut
+from app.sessions.memory_room import MemoryRoom
 from app.sessions.recorded_inference import RecordedInference
 from app.sessions.run_queue import RunQueue
 from app.sessions.source import Source, no_view
 from app.sessions.worker import Worker
 from app.store.store import Store
-from pmpnbp.errors import DiskFullError, PmpnbpError, RecordingError
+from pmpnbp.errors import PmpnbpError, RecordingError, StorageError
 from pmpnbp.inference.arrival import ScanMode
 from pmpnbp.inference.problem import Problem
 from pmpnbp.json_text import json_bytes
@@ -40,6 +41,8 @@ Kind = TypeVar("Kind")
 
 # Iterations after which a session lets one that waits have its slot.
 TURN = 10
+# In the session's folder.
+RECORDING = "recording.sqlite"
 
 _log = logging.getLogger("pmpnbp.server")
 
@@ -49,12 +52,13 @@ class Session(Source):
 
     kind = "session"
 
-    def __init__(self, id: str, store: Store, document: Document, slots: RunQueue) -> None:
+    def __init__(self, id: str, store: Store, document: Document, slots: RunQueue, room: MemoryRoom) -> None:
         first = int(document.get("events") or 1)
         self._store = store
         self._slots = slots
+        self._room = room
         self._document = document
-        archive = IterationArchive(store.session_folder(id) / "recording.sqlite", f"session '{id}'")
+        archive = IterationArchive(store.session_folder(id) / RECORDING, f"session '{id}'")
         super().__init__(id, Events(first, first, self._reserve), archive)
         self._lock = threading.RLock()
         self._worker = Worker(f"session-{id}", self._pursue_goal, archive.abandon, partial(slots.nudge, self))
@@ -114,11 +118,11 @@ class Session(Source):
         return self._submit(self._reset)
 
     def change(self, config: Mapping[str, Any]) -> Future[None]:
-        """Other settings from the next iteration on. The future may raise SettingError, or HttpProblem 409."""
+        """Other settings from the next iteration on. The future may raise SettingError, or HttpProblem 409 or 507."""
         return self._submit(partial(self._change, dict(config)))
 
     def add_scan(self, scan_id: str, mode: ScanMode) -> Future[None]:
-        """Another scan from the next iteration on. The future may raise ScanError, or HttpProblem 404 or 409."""
+        """Another scan from the next iteration on. The future may raise ScanError, or HttpProblem 404, 409, 507."""
         return self._submit(partial(self._add_scan, scan_id, mode))
 
     def close(self) -> None:
@@ -272,7 +276,7 @@ class Session(Source):
             self._document["events"] = limit
             try:
                 self._store.write_session(self.id, self._document)
-            except (HttpProblem, DiskFullError):  # a full disk: clients may see numbers again after a restart
+            except (HttpProblem, StorageError):  # a full disk: clients may see numbers again after a restart
                 _log.warning("session %s: the numbers of its events could not be written down", self.id)
 
     # Commands, in the thread
@@ -289,6 +293,7 @@ class Session(Source):
             self._pause()
         document = documents.folded(self._document)
         problem, inputs = documents.prepare(self._store, document)
+        self._room.claim(self.id, problem)
         self.archive.abandon()
         self._store.write_session(self.id, document)
         self._document = document
@@ -316,6 +321,7 @@ class Session(Source):
         old = self._document
         new = {**old, "changes": [*(old.get("changes") or ()), entry]}
         problem, _ = documents.prepare(self._store, new)
+        self._room.claim(self.id, problem)
         self._store.write_session(self.id, new)
         try:
             self.archive.change(Change(after, note=json.dumps(entry), **change), problem)

@@ -14,15 +14,17 @@ from typing import Any
 from app.problems import HttpProblem
 from app.server_config import ServerConfig
 from app.sessions.document import Document, prepare
+from app.sessions.memory_room import MemoryRoom
 from app.sessions.run_queue import RunQueue
 from app.sessions.sample import NAME, sample_document
-from app.sessions.session import Session
+from app.sessions.session import RECORDING, Session
 from app.sessions.source import Source
 from app.sessions.uploaded import UploadedRecording
 from app.sessions.worker import share_interpreter
+from app.store.idempotency import Call
 from app.store.store import Store
 from app.uploads.parsers import Parsers
-from pmpnbp.errors import DiskFullError
+from pmpnbp.errors import StorageError
 from pmpnbp.settings import SessionOptions
 
 # A session as it is asked for, where nothing is said.
@@ -38,6 +40,7 @@ class Sessions:
         self._store = store
         self._config = config
         self._slots = RunQueue(config.max_running)
+        self._room = MemoryRoom(config.max_memory_bytes or None, config.max_running)
         share_interpreter()
         self._lock = threading.Lock()
         self._sessions: dict[str, Session] = {}
@@ -49,16 +52,17 @@ class Sessions:
     def restore(self) -> None:
         """Take up every session of the store: paused where its recording ends, or failed where it is damaged."""
         for id, document in self._store.sessions():
-            session = Session(id, self._store, document or {"id": id}, self._slots)
+            session = Session(id, self._store, document or {"id": id}, self._slots, self._room)
             session.recover()
             with self._lock:
                 self._sessions[id] = session
 
-    def create(self, body: Mapping[str, Any]) -> Session:
+    def create(self, body: Mapping[str, Any], call: Call | None = None) -> Session:
         """A new session at iteration 0.
 
-        body : `model_id`, `scan_ids` and what DEFAULTS has, which stands for what is left out. Raises PmpnbpError for
-        what does not fit together; HttpProblem 404 for a model or scan that is not here, 429 for one session too many.
+        body : `model_id`, `scan_ids` and what DEFAULTS has, which stands for what is left out; call : to which the
+        session's status is the answer. Raises PmpnbpError for what does not fit together; HttpProblem 404 for a model
+        or scan that is not here, 429 for one session too many, 507 for one that does not fit into memory.
         """
         unknown = set(body) - set(DEFAULTS) - {"model_id", "scan_ids"}
         if unknown:
@@ -82,7 +86,7 @@ class Sessions:
                 )
             self._coming += 1
         try:
-            return self._create(document)
+            return self._create(document, call)
         finally:
             with self._lock:
                 self._coming -= 1
@@ -132,6 +136,7 @@ class Sessions:
         with self._lock:
             if self._sessions.pop(id, None) is None:
                 return  # another call was faster
+        self._room.release(id)
         self._store.delete("sessions", id)
 
     def close(self) -> None:
@@ -155,7 +160,7 @@ class Sessions:
         if found is None:
             try:
                 found = self.sample("open", parsers)
-            except (HttpProblem, DiskFullError) as problem:
+            except (HttpProblem, StorageError) as problem:
                 _log.warning("no sample session is opened: %s", problem)
                 return None
         status = found.status()
@@ -180,17 +185,19 @@ class Sessions:
                 self._recorded[id] = found
             return found
 
-    def _create(self, document: Document) -> Session:
+    def _create(self, document: Document, call: Call | None) -> Session:
         problem, inputs = prepare(self._store, document)
-        id = self._store.create_session(document)
-        try:
-            full = next(found for known, found in self._store.sessions() if known == id)
-            assert full is not None
-            session = Session(id, self._store, full, self._slots)
-            session.begin(problem, inputs)
-        except BaseException:
-            self._store.delete("sessions", id)
-            raise
+        with self._store.session_draft(document) as draft:
+            id = draft["id"]
+            try:
+                self._room.claim(id, problem)
+                session = Session(id, self._store, draft, self._slots, self._room)
+                session.begin(problem, inputs)
+                self._store.land_session(id, session.status(), call)
+            except BaseException:
+                self._room.release(id)
+                raise
+        session.archive.moved(self._store.session_folder(id) / RECORDING)
         with self._lock:
-            self._sessions[id] = session
+            self._sessions[session.id] = session
         return session

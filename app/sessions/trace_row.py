@@ -7,6 +7,7 @@ import json
 from pydantic import ValidationError
 
 from app.schemas_results import TraceRow
+from pmpnbp.json_text import read_json
 from pmpnbp.readout.snapshot import Row
 from pmpnbp.recording.trace_rows import event_of
 from pmpnbp.scene.articulated_object import ArticulatedObject
@@ -15,7 +16,7 @@ from pmpnbp.scene.articulated_object import ArticulatedObject
 def row_of(text: str, model: ArticulatedObject) -> Row | None:
     """The row of the trace that `text` is, where it is one, about this model; its event is that of `event_of`."""
     try:
-        row = TraceRow.model_validate(json.loads(text)).model_dump()
+        row = TraceRow.model_validate(read_json(text)).model_dump()
         json.dumps(row, allow_nan=False)
     except (ValueError, ValidationError, RecursionError):
         return None

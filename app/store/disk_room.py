@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from app.problems import HttpProblem
-from pmpnbp.errors import DiskFullError
+from pmpnbp.errors import data_directory_error
 
 # Sessions write their recordings on their own; walking their folders for every chunk of an upload would be waste.
 _WALK_SECONDS = 1.0
@@ -50,7 +50,7 @@ class DiskRoom:
             self._walked_at = -float("inf")
 
     def claim(self, count: int) -> None:
-        """Set `count` bytes aside. Raises HttpProblem 507 or DiskFullError where they are not there."""
+        """Set `count` bytes aside. Raises HttpProblem 507 or StorageError where they are not there."""
         with self._lock:
             if self._used() + count > self._max_bytes:
                 limit = f"{self._max_bytes / (1 << 20):.0f} MiB"
@@ -59,7 +59,7 @@ class DiskRoom:
                 )
             space = os.statvfs(self._sessions)
             if space.f_bavail * space.f_frsize < count + min(_RESERVE, self._max_bytes // 20):
-                raise DiskFullError
+                raise data_directory_error()
             self._claimed += count
 
     def release(self, count: int) -> None:

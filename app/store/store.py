@@ -6,11 +6,11 @@
 | `scans/ID/` | `scan.json`, `scan.npz` (depth image and camera) |
 | `sessions/ID/` | `session.json`, `recording.sqlite` |
 | `recordings/ID/` | `recording.json`, `recording.sqlite` |
-| `remembered/` | answers to calls that carried an `Idempotency-Key` |
+| `remembered/` | answers to calls that carried an `Idempotency-Key` and whose entry is deleted |
 | `incoming/` | uploads and entries that are not whole yet; emptied at every start |
 
-An entry comes to be by one rename (`atomic_files`), so at every instant it is there, whole, or not at all. What is in
-an entry but a session never changes.
+An entry comes to be by one rename (`atomic_files`), so at every instant it is there, whole, or not at all; the answer
+to the call that made it lies beside it (`idempotency`). What is in an entry but a session never changes.
 """
 
 from __future__ import annotations
@@ -22,19 +22,21 @@ import re
 import secrets
 import shutil
 import threading
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
+from zipfile import BadZipFile
 
 from app.problems import HttpProblem
 from app.store import atomic_files
 from app.store.disk_room import DiskRoom, folder_size
-from app.store.idempotency import IdempotencyKeys
+from app.store.idempotency import ANSWER, Call, IdempotencyKeys
 from app.store.stored_scan import read_scan
-from pmpnbp.errors import PmpnbpError, full_disk_told
+from pmpnbp.errors import PmpnbpError, storage_told
 from pmpnbp.scene.observation import Scan
 
 Document = dict[str, Any]
@@ -59,7 +61,7 @@ class Staging:
     claimed: int = 0
 
     def claim(self, count: int) -> None:
-        """Set `count` bytes aside before they are written. Raises HttpProblem 507, DiskFullError."""
+        """Set `count` bytes aside before they are written. Raises HttpProblem 507, StorageError."""
         self.room.claim(count)
         self.claimed += count
 
@@ -90,13 +92,17 @@ class Store:
                 left.unlink(missing_ok=True)
         self._room = DiskRoom(root / "sessions", max_bytes)
         self._documents: dict[Kind, dict[str, Document | None]] = {}
+        # sessions that are being made
+        self._drafts: dict[str, Document] = {}
+        answers: list[Path] = []
         for kind, noun in KINDS.items():
             places = [place for place in (root / kind).iterdir() if _ID.fullmatch(place.name) and place.is_dir()]
             read = {place.name: atomic_files.read_json(place / f"{noun}.json") for place in places}
             self._documents[kind] = dict(sorted(read.items(), key=lambda entry: _created(entry[1])))
             if kind != "sessions":
                 self._room.entry(sum(folder_size(place) for place in places))
-        self.idempotency = IdempotencyKeys(root / "remembered", self._incoming)
+            answers += [place / ANSWER for place in places if (place / ANSWER).is_file()]
+        self.idempotency = IdempotencyKeys(root / "remembered", answers)
 
     def close(self) -> None:
         """Let another process have the directory."""
@@ -110,7 +116,7 @@ class Store:
     def staging(self) -> Iterator[Staging]:
         """A folder for an upload, removed at the end with whatever is still in it."""
         folder = self._incoming / f"{_new_id()}.upload"
-        with full_disk_told():
+        with storage_told():
             folder.mkdir()
         staging = Staging(folder, self._room)
         try:
@@ -121,8 +127,10 @@ class Store:
 
     # Models, scans and recordings
 
-    def add(self, kind: Kind, staged: Path, file_name: str, summary: Mapping[str, Any]) -> Document:
-        """Take in what its sender calls `file_name`; the entry's document.
+    def add(
+        self, kind: Kind, staged: Path, file_name: str, summary: Mapping[str, Any], call: Call | None = None
+    ) -> Document:
+        """Take in what its sender calls `file_name`; the entry's document, which answers `call`.
 
         staged : moved away: a URDF or zip, what `stored_scan.write_scan` wrote, or a recording
         """
@@ -138,34 +146,58 @@ class Store:
             "file": name,
         }
         place = self.root / kind / id
-        size = atomic_files.create_folder(self._partial(), place, {name: staged}, f"{noun}.json", document)
+        documents = {f"{noun}.json": document, **_answer(call, document)}
+        size = atomic_files.create_folder(self._partial(), place, {name: staged}, documents)
         with self._lock:
             self._documents[kind][id] = document
             self._room.entry(size)
+        self.idempotency.landed(call, place)
         return dict(document)
 
     def load_scan(self, id: str) -> Scan:
         """The scan, bit for bit as the library read it from the upload. HttpProblem 404."""
-        return read_scan(self.file("scans", id))
+        file = self.file("scans", id)
+        try:
+            return read_scan(file)
+        except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error):
+            raise HttpProblem(404, f"scan '{id}' is damaged: its {file.name} cannot be read") from None
 
     # Sessions
 
-    def create_session(self, document: Mapping[str, Any]) -> str:
-        """Make a session's folder with its document, to which `id` and `created` are added; the id.
-
-        HttpProblem 404 where its model or a scan is not here.
-        """
+    @contextmanager
+    def session_draft(self, document: Mapping[str, Any]) -> Iterator[Document]:
+        """Make a session's folder that nobody sees until `land_session`, and that is gone at the end without it; its
+        document, to which `id` and `created` are added. HttpProblem 404 where its model or a scan is not here."""
+        id = _new_id()
+        draft = {**copy.deepcopy(dict(document)), "id": id, "created": document.get("created") or _now()}
         with self._lock:
-            self._check_uses(document)
-            id = _new_id()
-            full = {**copy.deepcopy(dict(document)), "id": id, "created": document.get("created") or _now()}
-            atomic_files.create_folder(self._partial(), self.root / "sessions" / id, {}, "session.json", full)
-            self._documents["sessions"][id] = full
-            return id
+            self._check_uses(draft)
+            self._drafts[id] = draft  # from here on what it uses cannot be deleted
+        folder = self.session_folder(id)
+        try:
+            with storage_told():
+                folder.mkdir()
+            yield copy.deepcopy(draft)
+        finally:
+            with self._lock:
+                self._drafts.pop(id, None)
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def land_session(self, id: str, response: Mapping[str, Any], call: Call | None = None) -> None:
+        """Let a draft's folder, in which nothing may be open, become a session's; `response` answers `call`."""
+        place = self.root / "sessions" / id
+        with self._lock:
+            documents = {"session.json": self._drafts[id], **_answer(call, response)}
+            atomic_files.land_folder(self.session_folder(id), place, documents)
+            self._documents["sessions"][id] = self._drafts.pop(id)
+        self.idempotency.landed(call, place)
 
     def write_session(self, id: str, document: Mapping[str, Any]) -> None:
         """Replace a session's document. HttpProblem 404 where it, its model or a scan is not here."""
         with self._lock:
+            if id in self._drafts:  # written when it lands
+                self._drafts[id] = copy.deepcopy(dict(document))
+                return
             place = self.session_folder(id) / "session.json"
             self._check_uses(document)
             atomic_files.replace_json(self._partial(), place, document)
@@ -179,7 +211,9 @@ class Store:
     def session_folder(self, id: str) -> Path:
         """The folder of a session. HttpProblem 404."""
         with self._lock:
-            self._check_known("sessions", id)
+            if id in self._drafts:
+                return self._incoming / f"{id}.session"
+            self._check_there("sessions", id)
             return self.root / "sessions" / id
 
     # All kinds alike
@@ -187,12 +221,13 @@ class Store:
     def documents(self, kind: Kind) -> list[Document]:
         """Every entry's document, oldest first."""
         with self._lock:
-            return [dict(document) for document in self._documents[kind].values() if document is not None]
+            known = [(id, document) for id, document in self._documents[kind].items() if document is not None]
+        return [dict(document) for id, document in known if self._there(kind, id)]
 
     def document(self, kind: Kind, id: str) -> Document:
         """An entry's document: `id`, `created`, and what its kind has. HttpProblem 404."""
         with self._lock:
-            self._check_known(kind, id)
+            self._check_there(kind, id)
             document = self._documents[kind][id]
         if document is None:
             raise HttpProblem(404, f"{KINDS[kind]} '{id}' is damaged: its {KINDS[kind]}.json cannot be read")
@@ -200,21 +235,24 @@ class Store:
 
     def file(self, kind: Kind, id: str) -> Path:
         """An entry's file, to read only. HttpProblem 404."""
-        return self.root / kind / id / str(self.document(kind, id)["file"])
+        file = self.root / kind / id / str(self.document(kind, id)["file"])
+        if not file.is_file():
+            raise HttpProblem(404, f"{KINDS[kind]} '{id}' is damaged: its {file.name} is gone")
+        return file
 
     def delete(self, kind: Kind, id: str) -> None:
         """Forget an entry; nobody may have a session's recording open for writing. HttpProblem 404, and 409 where a
         session uses it."""
         with self._lock:
             self._check_known(kind, id)
-            users = [
-                session for session, document in self._documents["sessions"].items() if id in _uses(document, kind)
-            ]
+            sessions = {**self._documents["sessions"], **self._drafts}
+            users = [session for session, document in sessions.items() if id in _uses(document, kind)]
             if users:
                 more = f" and {len(users) - 1} more" if len(users) > 1 else ""
                 raise HttpProblem(409, f"{KINDS[kind]} '{id}' is used by session '{users[0]}'{more}; delete it first")
             place = self.root / kind / id
             size = folder_size(place)
+            self.idempotency.keep(place)
             atomic_files.remove_folder(self._partial(), place)
             del self._documents[kind][id]
             if kind == "sessions":
@@ -228,11 +266,19 @@ class Store:
             there = f"there is 1 {KINDS[kind]}" if len(known) == 1 else f"there are {len(known)} {kind}"
             raise HttpProblem(404, f"{KINDS[kind]} '{id:.40}' is not here; {there}")
 
+    def _check_there(self, kind: Kind, id: str) -> None:
+        self._check_known(kind, id)
+        if not self._there(kind, id):
+            raise HttpProblem(404, f"{KINDS[kind]} '{id}' is gone: somebody has removed its folder; delete it")
+
+    def _there(self, kind: Kind, id: str) -> bool:
+        return (self.root / kind / id).is_dir()
+
     def _check_uses(self, document: Mapping[str, Any]) -> None:
         kinds: tuple[Kind, ...] = ("models", "scans")
         for kind in kinds:
             for id in _uses(document, kind):
-                self._check_known(kind, id)
+                self._check_there(kind, id)
 
     def _partial(self) -> Path:
         return self._incoming / f"{_new_id()}.partial"
@@ -252,6 +298,11 @@ def safe_name(name: str) -> str:
     cleaned = re.sub(r"[^A-Za-z0-9._-]", "_", stem if dot else last).lstrip(".")[:80] or "upload"
     kept = re.sub(r"[^A-Za-z0-9]", "", suffix)[:10] if dot else ""
     return f"{cleaned}.{kept}" if kept else cleaned
+
+
+def _answer(call: Call | None, response: Mapping[str, Any]) -> dict[str, Document]:
+    """The answer to `call` as a file of the entry that it makes."""
+    return {} if call is None else {ANSWER: call.answered(response)}
 
 
 def _uses(document: Mapping[str, Any] | None, kind: Kind) -> set[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
 import logging
 from collections.abc import AsyncIterator
@@ -17,16 +16,12 @@ from starlette.requests import ClientDisconnect
 
 from app.problems import HttpProblem
 from app.store.store import Staging, safe_name
-from pmpnbp.errors import DiskFullError, full_disk_told
+from pmpnbp.errors import storage_told
 
 # Written at once; bounds what an upload takes of the server's memory.
 _CHUNK = 1 << 20
 _LARGEST_FIELD = 1 << 20
 _LARGEST_FRAME = 1 << 14  # boundaries and headers between the parts
-_SILENCE_SECONDS = 60.0
-# A client that is told to stop while it sends may see a broken connection instead of the answer: read on this long.
-_DRAIN_BYTES = 32 << 20
-_DRAIN_SECONDS = 2.0
 
 # It warns of every malformed form, which whoever sent it is told of.
 logging.getLogger("python_multipart").setLevel(logging.ERROR)
@@ -58,8 +53,8 @@ async def receive(request: Request, staging: Staging, max_bytes: int, fields: tu
     """The form of `request`: its part `file` in the folder of `staging`, its other parts, of which there may be
     `fields`, as text.
 
-    Raises HttpProblem: 400 malformed, 408 silence, 413 larger than `max_bytes`, 415 no form, 422 parts that are
-    missing or unknown, 507 no room; DiskFullError.
+    Raises HttpProblem: 400 malformed, 408 too slow (`bodies`), 413 larger than `max_bytes`, 415 no form, 422 parts
+    that are missing or unknown, 507 no room; StorageError.
     """
     kind, options = parse_options_header(request.headers.get("content-type"))
     if kind != b"multipart/form-data":
@@ -68,16 +63,11 @@ async def receive(request: Request, staging: Staging, max_bytes: int, fields: tu
     boundary = options.get(b"boundary", b"")
     if not 1 <= len(boundary) <= 70:
         raise HttpProblem(400, "the form names no boundary of 1 to 70 characters between its parts")
-    stream = _chunks(request)
+    length = request.headers.get("content-length", "")
+    if length.isdecimal() and int(length) > max_bytes + _LARGEST_FIELD + _LARGEST_FRAME:
+        raise too_large(max_bytes)
     try:
-        length = request.headers.get("content-length", "")
-        if length.isdecimal() and int(length) > max_bytes + _LARGEST_FIELD + _LARGEST_FRAME:
-            raise too_large(max_bytes)
-        return await _Form(boundary, staging, max_bytes, fields).read(stream)
-    except (HttpProblem, DiskFullError) as problem:
-        if isinstance(problem, DiskFullError) or problem.status in (413, 422, 507):
-            await _drain(stream)
-        raise
+        return await _Form(boundary, staging, max_bytes, fields).read(request.stream())
     except ClientDisconnect:
         raise HttpProblem(400, "the upload ended before its last byte") from None
 
@@ -143,7 +133,7 @@ class _Form:
     def _append(self, pending: bytearray) -> None:
         assert self._path is not None
         self._staging.claim(len(pending))
-        with full_disk_told(), self._path.open("ab") as file:
+        with storage_told(), self._path.open("ab") as file:
             file.write(pending)
         self._hash.update(pending)
 
@@ -202,29 +192,3 @@ class _Form:
 
     def _all(self) -> None:
         self._ended = True
-
-
-async def _chunks(request: Request) -> AsyncIterator[bytes]:
-    stream = request.stream()
-    while True:
-        try:
-            async with asyncio.timeout(_SILENCE_SECONDS):
-                chunk = await anext(stream)
-        except StopAsyncIteration:
-            return
-        except TimeoutError:
-            raise HttpProblem(408, f"the upload said nothing for {_SILENCE_SECONDS:g} s") from None
-        if chunk:
-            yield chunk
-
-
-async def _drain(stream: AsyncIterator[bytes]) -> None:
-    left = _DRAIN_BYTES
-    try:
-        async with asyncio.timeout(_DRAIN_SECONDS):
-            async for chunk in stream:
-                left -= len(chunk)
-                if left < 0:
-                    return
-    except (TimeoutError, ClientDisconnect, HttpProblem):
-        return

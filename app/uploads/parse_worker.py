@@ -24,6 +24,7 @@ from typing import IO, Any
 from urllib.parse import quote
 
 from pmpnbp.errors import PmpnbpError, RecordingError
+from pmpnbp.names import name_fault
 
 # Of one file: a mesh that a zip unpacks to, or the scan that is written.
 LARGEST_OUTPUT = 512 << 20
@@ -136,7 +137,7 @@ def _recording(job: Job, open_recording: Callable[[Path], Any], last_shown: Call
     path = Path(job["path"])
     _check_tables(path)
     with open_recording(path) as recording:
-        inputs = recording.inputs()
+        recording.distrust()
         # what comes behind some damage is not looked for: as far as it is whole it can be shown
         last = last_shown(recording)
         if last is None:
@@ -144,15 +145,21 @@ def _recording(job: Job, open_recording: Callable[[Path], Any], last_shown: Call
         iterations = [number for number in recording.iterations() if number <= last]
         # whoever looks at it later makes its problems in the server's own process: that has to go well here first
         problem = recording.problem(last)
+        with tempfile.TemporaryDirectory(prefix="recording-") as folder:
+            scans = [*recording.restored_inputs(Path(folder), 0).scans]
         for change in recording.changes(last):
             recording.problem(change.after_iteration)
+            scans += [] if change.scan is None else [change.scan]
+        for number, scan in enumerate(scans):
+            if fault := name_fault(scan.frame_id):
+                raise RecordingError(f"the frame of scan {number} of recording '{path.name}' {fault}")
         with suppress(RecordingError):
             recording.summaries()
         return {
-            "model": str(inputs["model"]),
-            "method": str(inputs["method"]),
-            "particles": int(inputs["particles"]),
-            "seed": int(inputs["seed"]),
+            "model": problem.mrf.model.name,
+            "method": problem.method,
+            "particles": problem.particles,
+            "seed": problem.seed,
             "parts": [part.name for part in problem.mrf.model.parts],
             "scans": len(problem.observation.views),
             "iterations": len(iterations),

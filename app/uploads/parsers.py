@@ -24,6 +24,8 @@ MOST_FILES = 100
 MOST_BYTES = 1 << 30
 # Processes of a kind that stay when they have nothing to do.
 MOST_IDLE = 2
+# With the answer to an upload whose reader was killed.
+LATER = {"Retry-After": "10"}
 
 # What Python and its libraries need of the environment; it may hold secrets that are no upload's business.
 _ENVIRONMENT = frozenset(
@@ -52,7 +54,11 @@ _log = logging.getLogger("pmpnbp.server")
 
 
 class _Gone(Exception):
-    """The process ended, or said what no worker says."""
+    """The process ended, or said what no worker says. killed : by whoever may, as the system without memory does."""
+
+    def __init__(self, killed: bool = False) -> None:
+        super().__init__()
+        self.killed = killed
 
 
 class _Late(Exception):
@@ -98,7 +104,7 @@ class _Worker:
         try:
             self._process.stdin.write(json.dumps(job).encode() + b"\n")
         except OSError as error:
-            raise _Gone from error
+            raise self._gone() from error
         self.files += 1
         return self._line(deadline)
 
@@ -123,7 +129,7 @@ class _Worker:
                 raise _Late
             received.append(os.read(descriptor, 1 << 16))
             if not received[-1]:
-                raise _Gone
+                raise self._gone()
         line, _, self._rest = b"".join(received).partition(b"\n")
         try:
             answer = json.loads(line)
@@ -131,6 +137,11 @@ class _Worker:
         except (ValueError, KeyError, TypeError) as error:
             raise _Gone from error
         return dict(answer)
+
+    def _gone(self) -> _Gone:
+        with suppress(subprocess.TimeoutExpired):  # its output has ended, so it is about to
+            self._process.wait(1.0)
+        return _Gone(self._process.poll() == -signal.SIGKILL)
 
 
 class Parsers:
@@ -163,25 +174,21 @@ class Parsers:
     def parse(self, kind: str, path: Path, out: Path, camera: Path | None = None) -> dict[str, Any]:
         """What is in the file `path`, as `app.uploads.parse_worker` tells it; a scan, with its `camera`, goes to `out`.
 
-        Raises HttpProblem 422 with the reader's sentence, or where it crashed or took too long; 507 on a full disk.
+        Raises HttpProblem 422 with the reader's sentence, or where it crashed or took too long; 503 where it was killed
+        twice; 507 on a full disk.
         """
         job = {"path": str(path), "camera": None if camera is None else str(camera), "out": str(out)}
-        worker, answer = self._take(kind), None
         try:
-            self._get_ready(worker)
-            answer = worker.ask(job, time.monotonic() + self._seconds)
-        except _Late:
-            raise HttpProblem(
-                422, f"'{path.name}' takes longer to read than the {self._seconds:g} s that an upload may"
-            ) from None
-        except _Gone:
-            _log.warning("the process that reads %s ended at an upload of %s bytes", kind, path.stat().st_size)
-            raise HttpProblem(422, f"'{path.name}' cannot be read: it made its reader crash") from None
-        finally:
-            if answer is None or "unexpected" in answer or worker.files >= MOST_FILES or worker.peak_bytes > MOST_BYTES:
-                worker.end()
-                worker = self._start(kind)
-            self._put_back(worker)
+            answer = self._ask(kind, job, path)
+        except _Gone as gone:
+            if not gone.killed:  # a signal of its own: a crash, or its limit of processor time
+                raise HttpProblem(422, f"'{path.name}' cannot be read: it made its reader crash") from None
+            try:
+                answer = self._ask(kind, job, path)
+            except _Gone:
+                raise HttpProblem(
+                    503, f"the process that reads '{path.name}' was killed twice; send it again later", headers=LATER
+                ) from None
         if "unexpected" in answer:
             _log.warning("reading %s failed unexpectedly: %s", kind, answer["unexpected"])
         if "error" in answer:
@@ -189,11 +196,33 @@ class Parsers:
             raise HttpProblem(507 if full else 422, answer["error"])
         return dict(answer["summary"])
 
+    def _ask(self, kind: str, job: Mapping[str, Any], path: Path) -> dict[str, Any]:
+        """What a process answers to `job`. Raises _Gone; HttpProblem 422 where it takes too long."""
+        worker, answer = self._take(kind), None
+        try:
+            self._get_ready(worker)
+            answer = worker.ask(job, time.monotonic() + self._seconds)
+            return answer
+        except _Late:
+            raise HttpProblem(
+                422, f"'{path.name}' takes longer to read than the {self._seconds:g} s that an upload may"
+            ) from None
+        except _Gone:
+            _log.warning("the process that reads %s ended at an upload of %s bytes", kind, path.stat().st_size)
+            raise
+        finally:
+            if answer is None or "unexpected" in answer or worker.files >= MOST_FILES or worker.peak_bytes > MOST_BYTES:
+                worker.end()
+                worker = self._start(kind)
+            self._put_back(worker)
+
     def _get_ready(self, worker: _Worker) -> None:
         # its imports are none of the upload's business, nor of its time
         try:
             worker.wait_ready(time.monotonic() + 60.0)
-        except (_Gone, _Late):
+        except (_Gone, _Late) as error:
+            if isinstance(error, _Gone) and error.killed:
+                raise
             raise HttpProblem(
                 500, f"the process that reads {worker.kind} does not start within {self._memory >> 20} MiB of memory"
             ) from None

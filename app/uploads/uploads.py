@@ -11,8 +11,9 @@ import anyio.to_thread
 from fastapi import Request, Response
 
 from app.problems import HttpProblem
+from app.rate_limit import Shares, client_of
 from app.server_config import ServerConfig
-from app.store.idempotency import call_key
+from app.store.idempotency import Call, call_key
 from app.store.store import Document, Kind, Staging, Store
 from app.uploads.multipart import Upload, receive
 from app.uploads.parsers import Parsers
@@ -36,13 +37,29 @@ class Uploads:
         self._config = config
         self._parsers = parsers
         self._slots = asyncio.Semaphore(AT_ONCE)
+        self._under_way = Shares()
 
     async def take_in(self, request: Request, response: Response, kind: Kind) -> Document:
         """The entry that the form of `request` makes in the store's folder `kind`; sets Location and ETag.
 
         The same call again, told by its Idempotency-Key, makes no second entry. Raises HttpProblem as
-        `multipart.receive`, `Parsers.parse` and the store do; 429 where too many uploads wait to be read.
+        `multipart.receive`, `Parsers.parse` and the store do; 429 where too many uploads come in or wait to be read.
         """
+        client = client_of(request.scope)
+        self._check_shares(client)
+        with self._under_way.one(client):
+            return await self._taken_in(request, response, kind)
+
+    def _check_shares(self, client: str) -> None:
+        detail = None
+        if self._under_way.each[client] >= self._config.max_uploads_each:
+            detail = f"{self._config.max_uploads_each} uploads of this client are under way already (max_uploads_each)"
+        elif self._under_way.all >= self._config.max_uploads:
+            detail = f"{self._config.max_uploads} uploads are under way already (max_uploads)"
+        if detail is not None:
+            raise HttpProblem(429, f"{detail}; send this one again later", headers={"Retry-After": "5"})
+
+    async def _taken_in(self, request: Request, response: Response, kind: Kind) -> Document:
         path = f"/api/v1/{kind}"
         key = call_key(f"POST {path}", request.headers.get("idempotency-key"))
         with self._store.staging() as staging:
@@ -52,7 +69,7 @@ class Uploads:
             async with self._slot():
                 # waited for even where the client goes away: `staging` has to outlive it
                 document = await anyio.to_thread.run_sync(
-                    self._store.idempotency.once, key, fingerprint, lambda: self._read(kind, upload, staging)
+                    self._store.idempotency.once, key, fingerprint, lambda call: self._read(kind, upload, staging, call)
                 )
         response.headers["Location"] = f"{path}/{document['id']}"
         response.headers["ETag"] = etag(document)
@@ -75,7 +92,7 @@ class Uploads:
         finally:
             self._slots.release()
 
-    def _read(self, kind: Kind, upload: Upload, staging: Staging) -> Document:
+    def _read(self, kind: Kind, upload: Upload, staging: Staging, call: Call | None) -> Document:
         beside = staging.folder / "beside"
         beside.mkdir()
         camera, out = None, beside / "scan.npz"
@@ -85,7 +102,7 @@ class Uploads:
         summary = self._parsers.parse(kind, upload.path, out, camera)
         if kind == "scans":
             staging.claim(out.stat().st_size)
-        return self._store.add(kind, out if kind == "scans" else upload.path, upload.file_name, summary)
+        return self._store.add(kind, out if kind == "scans" else upload.path, upload.file_name, summary, call)
 
 
 def etag(document: Document) -> str:
@@ -93,8 +110,8 @@ def etag(document: Document) -> str:
     return f'"{document["sha256"]}"'
 
 
-def unchanged(request: Request, document: Document) -> bool:
-    """Whether the client says, by If-None-Match, that it has the entry already."""
+def unchanged(request: Request, tag: str) -> bool:
+    """Whether the client says, by If-None-Match, that it has what `tag` is the entity tag of."""
     given = request.headers.get("if-none-match", "")
-    tags = [tag.strip().removeprefix("W/") for tag in given.split(",")]
-    return "*" in tags or etag(document) in tags
+    tags = [one.strip().removeprefix("W/") for one in given.split(",")]
+    return "*" in tags or tag in tags

@@ -1,8 +1,9 @@
 """When is a view drawn? After each new iteration and each change of what it shows, newest only, while somebody looks.
 
 Each view has a thread of its own, so that a slow one delays nobody, the inference least of all; at most RATE times a
-second, since what is in a slow browser's socket cannot be taken back. What fails in here is logged and told in the
-view's `error`, and ends neither the thread nor anything else.
+second, since what is in a slow browser's socket cannot be taken back. What it has in common with other views is made
+once (`scenery`). What fails in here is logged and told in the view's `error`, and ends neither the thread nor anything
+else.
 """
 
 from __future__ import annotations
@@ -24,18 +25,18 @@ from app.viewer.draw import Drawing
 from app.viewer.frames import frame
 from app.viewer.gizmos import PRIOR, dragged_prior, dragged_region
 from app.viewer.picking import picked
-from app.viewer.scan_points import ScanPoints, scan_points
-from app.viewer.scene_frame import Targets
-from app.viewer.stage import Stage, stage
+from app.viewer.scene_frame import SceneFrame
+from app.viewer.scenery import Scenery
+from app.viewer.stage import Stage
 from app.viewer.view import DrawnScene, Find, View
 from app.viewer.view_state import Eye, ViewState
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.problem import Problem
+from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.snapshot import Snapshot
 from pmpnbp.readout.view_planning import PlannedView
 
-# Pictures a second, at most; and the same of a running session where the processor draws them.
+# Pictures a second, at most; and the same of a running session where the processor draws them, or where too many look.
 RATE, ECONOMY_RATE = 12.0, 0.5
 # Stages kept: of the session, of the one it is compared with, and of one of them before a change.
 STAGES = 3
@@ -44,19 +45,24 @@ _log = logging.getLogger("pmpnbp.server")
 
 
 class Painter:
-    """Draws one view, in a thread that it starts. find : a session, or recording, by its id."""
+    """Draws one view, in a thread that it starts. find : a session, or recording, by its id; scenery : what it shares
+    with other views"""
 
-    def __init__(self, view: View, source: Source, find: Find) -> None:
+    def __init__(self, view: View, source: Source, find: Find, scenery: Scenery) -> None:
         self._view = view
         self._source = source
         self._find = find
+        self._scenery = scenery
         self._wake = threading.Event()
         self._painting = threading.Lock()
         self._drawing: Drawing | None = None
-        self._stages: LRUCache[object, tuple[Problem, Stage]] = LRUCache(STAGES)
-        self._scans: dict[str, ScanPoints] = {}
-        self._targets: Targets | None = None
+        # what it holds of the scenery
+        self._stages: LRUCache[int, Stage] = LRUCache(STAGES)
+        self._snapshot: Snapshot | None = None
+        self._scene: SceneFrame | None = None
         self._drawn_key: object = None
+        # whether there is a newer iteration than the newest that views share just now
+        self._behind = False
         self._theme: str | None = None
         self.camera = Camera(self._wake.set, self._moved)
         self._ends = [source.events.listen(self._wake.set), view.listen(self._happened)]
@@ -94,7 +100,9 @@ class Painter:
             try:
                 with self._painting:
                     # what changes no picture, as a state that is told, must not delay the next one
-                    last = began if self._paint(self._view.state) else last
+                    last = began if self._paint(self._view.state) or self._behind else last
+                if self._behind:
+                    self._wake.set()
             except (HttpProblem, PmpnbpError) as problem:
                 error = str(problem)
             except Exception as problem:
@@ -109,7 +117,8 @@ class Painter:
             end()
 
     def _rate(self) -> float:
-        return ECONOMY_RATE if self._view.state.economy and not self._source.idle else RATE
+        spare = self._view.state.economy or self._view.slowed is not None
+        return ECONOMY_RATE if spare and not self._source.idle else RATE
 
     def _over(self) -> bool:
         return self._view.closed
@@ -120,50 +129,39 @@ class Painter:
 
     def _paint(self, state: ViewState) -> bool:
         """Draw what is to be seen now, unless that is what was drawn last; whether anything was drawn."""
-        snapshot = self._read(self._source, state.iteration)
+        snapshot = self._scenery.snapshot(self._source, state.iteration)
+        newest = self._source.archive.iteration
+        self._behind = snapshot.iteration < (newest if state.iteration is None else min(state.iteration, newest))
         other = None if state.compare is None else self._find(state.compare.session_id)
-        compared = None if other is None or state.compare is None else self._read(other, state.compare.iteration)
+        compared = None
+        if other is not None and state.compare is not None:
+            compared = other, self._scenery.snapshot(other, state.compare.iteration)
         key = (
-            snapshot.row["event"],
-            snapshot.iteration,
-            None if compared is None else compared.row["event"],
-            state.model_copy(update={"camera": None, "hidden": False}),
+            (self._source.id, snapshot.row["event"], snapshot.iteration),
+            None if compared is None else compared[1].row["event"],
+            json_bytes(state.model_dump(exclude={"camera", "hidden"})),
         )
         self._apply_theme(state)
         if key == self._drawn_key:
             return False
         own = self._stage(self._source, snapshot, len(snapshot.problem.observation.views))
-        against = None if compared is None or other is None else (compared, self._stage(other, compared, 0))
-        scene = frame(snapshot, state, own, compared=against, next_views=planned(snapshot, state))
+        against = None if compared is None else (compared[1], self._stage(*compared, 0))
+        scene = self._scenery.frame(
+            key, lambda: frame(snapshot, state, own, compared=against, next_views=planned(snapshot, state))
+        )
         self._begin(own)
         assert self._drawing is not None
         self._drawing.draw(scene)
-        self._targets, self._drawn_key = scene.targets, key
+        self._snapshot, self._scene, self._drawn_key = snapshot, scene, key
         serial = 1 if self._view.drawn is None else self._view.drawn.serial + 1
         self._view.drawn = DrawnScene(iteration=snapshot.iteration, particles=dict(scene.particles), serial=serial)
         self._view.tell("drawn")
         return True
 
-    def _read(self, source: Source, iteration: int | None) -> Snapshot:
-        """An iteration; the newest where there are not so many, as after a reset."""
-        newest = source.archive.read()
-        if iteration is None or iteration >= newest.iteration:
-            return newest
-        return source.archive.read(iteration)
-
     def _stage(self, source: Source, snapshot: Snapshot, scans: int) -> Stage:
-        problem = snapshot.problem
-        key = (source.id, id(problem), scans)
-        if key not in self._stages:
-            own = stage(problem, tuple(self._scan(source, view, snapshot.iteration) for view in range(scans)))
-            self._stages[key] = problem, own  # with the problem, so that no other one can have its id
-        return self._stages[key][1]
-
-    def _scan(self, source: Source, view: int, iteration: int) -> ScanPoints:
-        name, scan = source.scan(view, iteration)
-        if name not in self._scans:
-            self._scans[name] = scan_points(scan)
-        return self._scans[name]
+        found = self._scenery.stage(source, snapshot, scans)
+        self._stages[id(found)] = found
+        return found
 
     # viser
 
@@ -189,9 +187,10 @@ class Painter:
         self._view.change(ViewState(camera=eye))
 
     def _clicked(self, event: Any) -> None:
-        targets = self._targets
-        if targets is None:
+        scene = self._scene
+        if scene is None:
             return
+        targets = scene.targets
         pick = picked(targets, np.array(event.ray_origin), np.array(event.ray_direction))
         if pick is not None:
             part, particle = pick

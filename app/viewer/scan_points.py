@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,7 @@ class ScanPoints:
     plain_colours: Mapping[Theme, Bytes]
     images: Mapping[Theme, Bytes]
 
-    @property
+    @cached_property
     def spacing(self) -> float:
         """Metres between neighbours in the middle of the depths."""
         return float(np.median(self.depth[self.measured])) / self.camera.fx if len(self.points) else 0.01

@@ -62,12 +62,13 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Stage:
-    """model : whose shapes they are; shapes : None for a part without geometry
+    """problem : whose stage it is; model : its object; shapes : None for a part without geometry
     scans : one per view; categories : (P,) of each scan's points, as `View.category`
     clouds : of each scan what may be the object, and what is around it
     planes : (4, 3) corners of a square in each support plane
     up : (3,) world; eye : where the view begins; size : metres, about that of the object"""
 
+    problem: Problem
     model: ArticulatedObject
     shapes: tuple[Shape | None, ...]
     scans: tuple[ScanPoints, ...]
@@ -89,7 +90,7 @@ def stage(problem: Problem, scans: tuple[ScanPoints, ...]) -> Stage:
     eye, size = _eye(observation), object_size(model)
     planes = tuple(_square(plane, np.array(eye.look_at), SQUARE * size) for plane in observation.planes)
     shapes = tuple(_shape(part) if part.visible else None for part in model.parts)
-    return Stage(model, shapes, scans, categories, clouds, planes, observation.up, eye, size)
+    return Stage(problem, model, shapes, scans, categories, clouds, planes, observation.up, eye, size)
 
 
 def object_size(model: ArticulatedObject) -> float:

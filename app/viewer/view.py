@@ -39,6 +39,10 @@ class ViewStatus(ViewState):
     drawn: DrawnScene | None = Field(description="null where nothing was drawn yet")
     clients: int = Field(description="browsers that show the scene")
     error: str | None = Field(description="one sentence, where the state cannot be drawn; the scene stays as it was")
+    slowed: str | None = Field(
+        description="one sentence, where so many views are looked at that this one is drawn less often while its "
+        "session runs; null again once there is room"
+    )
 
 
 @dataclass(eq=False)
@@ -47,6 +51,7 @@ class View:
 
     server, secret : viser's, and what its connections carry; opened with the first client
     clients : browsers that show it; keepers : all that keep it from being closed; painter : who draws it
+    slowed : why it is drawn less often than it could be, or None
     """
 
     session_id: str
@@ -57,6 +62,7 @@ class View:
     last_left: threading.Timer | None = field(default=None, repr=False)
     drawn: DrawnScene | None = None
     error: str | None = None
+    slowed: str | None = None
     painter: Painter | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -97,7 +103,12 @@ class View:
 
     def answer(self) -> dict[str, Any]:
         """The state as REST shows it, with what was drawn and how many look."""
-        return self._state.model_dump() | {"drawn": self.drawn_members(), "clients": self.clients, "error": self.error}
+        return self._state.model_dump() | {
+            "drawn": self.drawn_members(),
+            "clients": self.clients,
+            "error": self.error,
+            "slowed": self.slowed,
+        }
 
     def drawn_members(self) -> dict[str, Any] | None:
         """What was drawn last, as REST shows it."""

@@ -1,7 +1,8 @@
 """Which 3D views are open? One view, with a viser server of its own, per tab that looks at a session.
 
 A view outlives its last client for a while, so that a page that is loaded again finds its view as it was. One that
-nobody keeps makes room where there are too many.
+nobody keeps makes room where there are too many. Of the views that somebody looks at, those opened first are drawn at
+the full rate, and the others are told that they are not.
 """
 
 from __future__ import annotations
@@ -10,24 +11,35 @@ import re
 import secrets
 import threading
 
+from app.memory import GivingBack
 from app.problems import HttpProblem
 from app.sessions.source import Source
 from app.viewer.gizmos import default_prior, default_region
-from app.viewer.painter import Painter
+from app.viewer.painter import ECONOMY_RATE, Painter
+from app.viewer.scenery import Scenery
 from app.viewer.view import Find, View
 from app.viewer.view_state import MAX_COORDINATE, ViewState
 
 LINGER_SECONDS = 60.0
 
+# What is said of a view that is drawn less often.
+SLOWED = (
+    "{} opened before this one and drawn at the full rate, the most that this server draws so; "
+    f"this one is drawn every {1 / ECONOMY_RATE:g} seconds while the session runs"
+)
+
 _VIEW_ID = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
 
 class Views:
-    """The open views of all sessions."""
+    """The open views of all sessions. limit : how many; full_rate : of those that are looked at, so many are drawn at
+    the full rate"""
 
-    def __init__(self, limit: int = 200, linger_seconds: float = LINGER_SECONDS) -> None:
-        self._limit = limit
+    def __init__(self, limit: int = 60, full_rate: int = 20, linger_seconds: float = LINGER_SECONDS) -> None:
+        self._limit, self._full_rate = limit, full_rate
         self._linger = linger_seconds
+        self._scenery = Scenery()
+        self._giving_back = GivingBack()
         self._views: dict[tuple[str, str], View] = {}
         self._lock = threading.Lock()
         self._closed = False
@@ -50,15 +62,16 @@ class Views:
                 closing = self._make_room()
                 view = View(session_id, view_id, source)
                 view.change(_own_handles(source))
+                view.listen(self._happened)
                 self._views[session_id, view_id] = view
                 if source is not None and find is not None:
-                    view.painter = Painter(view, source, find)
+                    view.painter = Painter(view, source, find, self._scenery)
             view.keepers += 1
             if view.last_left is not None:
                 view.last_left.cancel()
                 view.last_left = None
         if closing is not None:
-            _end(closing)
+            self._end(closing)
         return view
 
     def release(self, view: View) -> None:
@@ -90,7 +103,8 @@ class Views:
         with self._lock:
             closing = [self._views.pop(key) for key in list(self._views) if key[0] == session_id]
         for view in closing:
-            _end(view)
+            self._end(view)
+        self._giving_back.soon()  # what it took, too
 
     def close(self) -> None:
         """Close all."""
@@ -98,7 +112,27 @@ class Views:
             self._closed = True
             closing, self._views = self._views, {}
         for view in closing.values():
-            _end(view)
+            self._end(view)
+        self._giving_back.close()
+
+    def _happened(self, what: str) -> None:
+        """Give every view that is looked at its rate, and tell those that have another than before."""
+        if what == "drawn":
+            return
+        with self._lock:
+            seen = [view for view in self._views.values() if view.clients and not view.state.hidden]
+            told = []
+            for place, view in enumerate(seen):
+                slowed = (
+                    None
+                    if place < self._full_rate
+                    else SLOWED.format("1 view was" if self._full_rate == 1 else f"{self._full_rate} views were")
+                )
+                if slowed != view.slowed:
+                    view.slowed = slowed
+                    told.append(view)
+        for view in told:
+            view.tell("view")
 
     def _make_room(self) -> View | None:
         """A view that nobody keeps and that has to go, where there are too many."""
@@ -106,7 +140,10 @@ class Views:
             return None
         idle = next((key for key, view in self._views.items() if view.keepers == 0), None)
         if idle is None:
-            detail = f"{self._limit} views are open, which is all this server takes"
+            detail = (
+                f"{self._limit} 3D views are open, the most that this server draws (its setting max_views); "
+                "close one, and this one opens"
+            )
             raise HttpProblem(429, detail, headers={"Retry-After": "60"})
         return self._views.pop(idle)
 
@@ -116,13 +153,13 @@ class Views:
             if view.keepers > 0 or self._views.get(key) is not view:
                 return
             del self._views[key]
-        _end(view)
+        self._end(view)
 
-
-def _end(view: View) -> None:
-    view.close()
-    if view.painter is not None:
-        view.painter.close()
+    def _end(self, view: View) -> None:
+        view.close()
+        if view.painter is not None:
+            view.painter.close()
+        self._giving_back.soon()
 
 
 def new_view_id() -> str:

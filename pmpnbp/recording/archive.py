@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-import sqlite3
 import threading
 from bisect import bisect_right
 from collections.abc import Callable
@@ -16,7 +15,7 @@ from pathlib import Path
 
 from cachetools import LRUCache
 
-from pmpnbp.errors import DamageError, IterationError, RecordingError, full_disk_told
+from pmpnbp.errors import DamageError, IterationError, RecordingError, storage_told
 from pmpnbp.inference import run
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
@@ -60,7 +59,7 @@ class IterationArchive:
         self._remedy = remedy
         self._criteria: Criteria | None = None
         self._foreign_row = foreign_row
-        self._readers = Readers(path)
+        self._readers = Readers(path, foreign=foreign_row is not None)
         self._writer: RecordingWriter | None = None
         self._rows: Rows = OwnRows()
         self._lock = threading.Lock()
@@ -109,11 +108,15 @@ class IterationArchive:
 
     # Writing
 
+    def moved(self, path: Path) -> None:
+        """The recording lies at `path` from now on; nobody has it open."""
+        self.path, self._readers = path, Readers(path)
+
     def begin(self, inputs: Inputs, step: Step, snapshot: Snapshot) -> None:
         """Put a new recording, with iteration 0, in the place of the one that may be there."""
         self.close()
         new = self.path.with_name(self.path.name + ".new")
-        with full_disk_told():
+        with storage_told():
             with RecordingWriter(new, inputs, snapshot.problem.mrf.model) as writer:
                 writer.write(step.report, step.state, snapshot.row_text.decode())
             replace_recording(new, self.path)
@@ -137,7 +140,7 @@ class IterationArchive:
 
     def change(self, change: Change, problem: Problem) -> None:
         """Write a change, of which the next iterations are made with `problem`; returns once it is in the file."""
-        with full_disk_told():
+        with storage_told():
             writer = self._writing()
             writer.change(change)
             writer.flush()
@@ -256,22 +259,20 @@ class IterationArchive:
             return run.resumed(recording.state(at), self._recent(recording, at, since, problem), problem)
 
     def copy_to(self, path: Path) -> None:
-        """A consistent copy of the recording as one file, also while it is being written, and of a damaged one where
-        it can be copied. Raises DamageError."""
-        with full_disk_told():
-            if self._foreign_row is not None:
+        """A consistent copy as one file, also of a recording that is written, or damaged. Raises DamageError."""
+        with storage_told():
+            if self._foreign_row is not None and self.path.is_file():
                 shutil.copyfile(self.path, path)
-                return
-            try:
+            else:
                 back_up(self.path, path)
-            except sqlite3.DatabaseError:
-                self.check()
-                raise
 
     def _changes_before(self, iteration: int) -> int:
         return sum(after < iteration for after in self._changes_after)
 
     def _writing(self) -> RecordingWriter:
+        if not self.path.exists():
+            self.damage = f"somebody has removed its {self.path.name}"
+            self.check()
         if self._writer is None:
             self._writer = RecordingWriter.appending(self.path)
         return self._writer
@@ -345,6 +346,5 @@ class IterationArchive:
         # of the many that may be at rest the newest alone: each takes longer than an iteration
         told = converged and iteration == self._last
         posterior = self._posterior(recording, recent[-1], iteration if told else None)
-        return self._read_out(
-            recent[-1], posterior, converged=converged, elapsed=elapsed, event=event_of(iteration)
-        ).row
+        event = event_of(iteration)
+        return self._read_out(recent[-1], posterior, converged=converged, elapsed=elapsed, event=event).row

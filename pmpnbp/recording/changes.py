@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from pmpnbp.inference.arrival import SCAN_MODES, ScanMode
+from pmpnbp.json_text import read_json
 from pmpnbp.recording.scans import scans, store_scan
 from pmpnbp.recording.schema import VERSION
 from pmpnbp.scene.observation import Scan
@@ -56,7 +57,7 @@ def changes(connection: sqlite3.Connection, iteration: int | None = None) -> lis
     return [
         Change(
             after,
-            None if settings is None else changed(preset("robust"), json.loads(settings)),
+            None if settings is None else changed(preset("robust"), read_json(settings)),
             None if number is None else there[number],
             note,
             mode,
@@ -69,10 +70,12 @@ def change_rows(connection: sqlite3.Connection) -> list[tuple[Any, ...]]:
     """The rows of the table `changes`, in order; those that are older than modes join."""
     if connection.execute("PRAGMA user_version").fetchone()[0] < VERSION:
         return []  # format 1 knew none
-    return [
-        (*row[:5], (*row[5:], None)[0] or "joins")
-        for row in connection.execute("SELECT * FROM changes ORDER BY number")
-    ]
+    found = []
+    for row in connection.execute("SELECT * FROM changes ORDER BY number"):
+        if type(row[1]) is not int or not (row[3] is None or (type(row[3]) is int and row[3] >= 0)):
+            raise ValueError("a change after no iteration, or of no scan")
+        found.append((*row[:5], (*row[5:], None)[0] or "joins"))
+    return found
 
 
 def changed_after(connection: sqlite3.Connection) -> list[int]:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import posixpath
 import sqlite3
 import tempfile
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 from xml.etree import ElementTree
 
 import numpy as np
@@ -20,13 +21,15 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problem_module
 from pmpnbp.inference.arrival import Arrival, present
 from pmpnbp.inference.problem import Problem
+from pmpnbp.json_text import read_json
+from pmpnbp.names import name_fault
 from pmpnbp.recording.changes import changes, first_scans
 from pmpnbp.recording.scans import store_scan
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.model_files import ModelLimits, open_model
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.observe import observe
-from pmpnbp.scene.prior import GaussianPrior, UniformPrior, load_prior
+from pmpnbp.scene.prior import GaussianPrior, Orientation, UniformPrior, load_prior
 from pmpnbp.scene.urdf import load_model
 from pmpnbp.settings import SessionOptions, Settings, changed, preset
 from pmpnbp.version import version
@@ -112,24 +115,45 @@ def store(connection: sqlite3.Connection, inputs: Inputs, model: ArticulatedObje
 
 def value(connection: sqlite3.Connection, name: str) -> Any:
     """The entry `name` of the table `inputs`."""
-    return json.loads(connection.execute("SELECT value FROM inputs WHERE name = ?", (name,)).fetchone()[0])
+    return read_json(connection.execute("SELECT value FROM inputs WHERE name = ?", (name,)).fetchone()[0])
+
+
+def option(connection: sqlite3.Connection, name: str) -> Any:
+    """The entry `name`, a whole number that is an option. Raises ValueError beyond what an inference is asked for."""
+    number, entry = value(connection, name), next(one for one in fields(SessionOptions) if one.name == name)
+    if type(number) is not int or not entry.metadata["low"] <= number <= entry.metadata["high"]:
+        raise ValueError(f"{name} is {number!r}")
+    return number
+
+
+def restored_model(connection: sqlite3.Connection) -> ArticulatedObject:
+    """The model, as it is before anything is looked at."""
+    with tempfile.TemporaryDirectory(prefix="recording-") as folder:
+        # no mesh is made coarser, which takes longest
+        return load_model(_model_file(connection, Path(folder)), triangle_budget=ModelLimits().triangles)
+
+
+def _model_file(connection: sqlite3.Connection, folder: Path) -> Path:
+    file_name, data = connection.execute("SELECT file_name, zip FROM model").fetchone()
+    if not isinstance(file_name, str) or name_fault(file_name) or not Path(file_name).stem.strip("."):
+        raise ValueError("the model has no name")
+    path = folder / Path(file_name).name
+    path.write_bytes(data)
+    return path
 
 
 def restored_inputs(connection: sqlite3.Connection, folder: Path, iteration: int | None = None) -> Inputs:
     """What iteration `iteration` was made with, or else the next one will be; the model becomes a file in `folder`."""
-    file_name, data = connection.execute("SELECT file_name, zip FROM model").fetchone()
     roi = value(connection, "region")
-    path = folder / Path(file_name).name
-    path.write_bytes(data)
     found = Inputs(
-        path,
+        _model_file(connection, folder),
         first_scans(connection),
         None if roi is None else np.array(roi),
         _prior(value(connection, "prior")),
         first_settings(connection),
-        value(connection, "particles"),
-        value(connection, "seed"),
-        value(connection, "method"),
+        option(connection, "particles"),
+        option(connection, "seed"),
+        str(value(connection, "method")),
     )
     changed_then = changes(connection, iteration)
     came = [(one.after_iteration, one.scan, one.mode) for one in changed_then if one.scan is not None]
@@ -190,13 +214,27 @@ def _prior_members(prior: UniformPrior | GaussianPrior) -> dict[str, Any]:
     }
 
 
+# Arrays of a gaussian prior, and their lengths.
+_GAUSSIAN = {"pose_world_link": 7, "std_xyz": 3, "std_rpy": 3}
+
+
 def _prior(members: dict[str, Any]) -> UniformPrior | GaussianPrior:
+    """Raises ValueError where it is none. Whether its link and joints are in the model is asked where a problem is made
+    of it."""
     if members["kind"] == "uniform":
+        if members["orientation"] not in get_args(Orientation):
+            raise ValueError("no orientation")
         return UniformPrior(members["orientation"])
-    return GaussianPrior(
-        members["link"],
-        np.array(members["pose_world_link"]),
-        np.array(members["std_xyz"]),
-        np.array(members["std_rpy"]),
-        {name: (position, std) for name, (position, std) in members["joints"].items()},
-    )
+    pose, std_xyz, std_rpy = (_finite(members[name], count) for name, count in _GAUSSIAN.items())
+    joints = {name: tuple(_finite(numbers, 2).tolist()) for name, numbers in members["joints"].items()}
+    widths = [*std_xyz, *std_rpy, *(std for _, std in joints.values())]
+    if not all(0 < width <= 1e6 for width in widths) or not math.isclose(np.linalg.norm(pose[3:]), 1, abs_tol=1e-3):
+        raise ValueError("no prior")
+    return GaussianPrior(members["link"], pose, std_xyz, std_rpy, joints)
+
+
+def _finite(numbers: list[Any], count: int) -> Array:
+    found = np.array(numbers, dtype=np.float64)
+    if found.shape != (count,) or not np.isfinite(found).all():
+        raise ValueError("no numbers")
+    return found

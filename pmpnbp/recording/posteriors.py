@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pmpnbp.errors import RecordingError
 from pmpnbp.inference.problem import Problem
+from pmpnbp.json_text import read_json
 from pmpnbp.readout.fit import Fit, Verdict
 from pmpnbp.readout.posterior import Centre, ObjectMode, Posterior
 from pmpnbp.recording.arrays import Arrays
@@ -49,7 +50,7 @@ def to_posterior(iteration: int, arrays: Mapping[str, NDArray[Any]]) -> Posterio
     if PREFIX + "fit" not in arrays:
         return None
     found = {name.removeprefix(PREFIX): values for name, values in arrays.items() if name.startswith(PREFIX)}
-    fit = json.loads(found["fit"].tobytes())
+    fit = read_json(found["fit"].tobytes().decode())
     modes = zip(found["mode_weights"].tolist(), found["mode_roots"], found["mode_joints"], strict=True)
     return Posterior(
         iteration=iteration,

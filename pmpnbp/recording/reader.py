@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import sqlite3
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,11 +12,14 @@ from urllib.parse import quote
 
 from numpy.typing import NDArray
 
-from pmpnbp.errors import RecordingError
+from pmpnbp.errors import DamageError, RecordingError
 from pmpnbp.inference.belief import IterationReport, State
 from pmpnbp.inference.problem import Problem
+from pmpnbp.json_text import read_json
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.recording import inputs as inputs_module
+from pmpnbp.recording.amounts import LONGEST_TEXT, excess
+from pmpnbp.recording.array_shapes import ArrayShapes, array_shapes
 from pmpnbp.recording.arrays import Arrays, to_report, to_state
 from pmpnbp.recording.changes import Change, changed_after, changes
 from pmpnbp.recording.inputs import Inputs
@@ -25,8 +27,19 @@ from pmpnbp.recording.posteriors import to_posterior
 from pmpnbp.recording.schema import APPLICATION_ID, ITERATION_S_OWN, PREFIX, VERSION, unpack
 from pmpnbp.settings import Settings, changed, preset
 
+# SQLite's own limit of a value, bytes.
+_LONGEST = (1 << 31) - 1
 # What reading damaged bytes can raise.
-_DAMAGE = (sqlite3.DatabaseError, zlib.error, ValueError, KeyError, TypeError, IndexError)
+_DAMAGE = (
+    sqlite3.DatabaseError,
+    zlib.error,
+    ValueError,
+    KeyError,
+    TypeError,
+    IndexError,
+    AttributeError,
+    OverflowError,
+)
 
 
 class Recording:
@@ -40,6 +53,7 @@ class Recording:
         self._path = Path(path)
         self.name = self._path.name  # as errors call it
         self.connection = self._open()
+        self._shapes: ArrayShapes | None = None
         try:
             application, version = (self._pragma(name) for name in ("application_id", "user_version"))
             if application != APPLICATION_ID:
@@ -63,10 +77,26 @@ class Recording:
         """Close the file."""
         self.connection.close()
 
+    def distrust(self, shapes: ArrayShapes | None = None) -> ArrayShapes:
+        """Take it for one from elsewhere from now on: arrays that its own model does not make are damage, before they
+        are unpacked. Raises RecordingError where it holds more than a recording does.
+
+        shapes : what another reader of the same recording was returned
+        """
+        if shapes is None:
+            if found := excess(self.connection):
+                raise RecordingError(f"recording '{self.name}' has {found}, which no recording has")
+            with self._reading("its model or scans"), self.blobs():
+                model = inputs_module.restored_model(self.connection)
+                scans = self.connection.execute("SELECT count(*) FROM scans").fetchone()[0]
+                shapes = array_shapes(model, inputs_module.option(self.connection, "particles"), scans)
+        self._shapes = shapes
+        return shapes
+
     def restored_inputs(self, folder: Path, iteration: int | None = None) -> Inputs:
         """The inputs that an iteration was made with, or else the next one will be, as a writer takes them, to begin
         another run from; the model becomes a file in `folder`."""
-        with self._reading("its model or scans"):
+        with self._reading("its model or scans"), self.blobs():
             return inputs_module.restored_inputs(self.connection, folder, iteration)
 
     def inputs(self) -> dict[str, Any]:
@@ -74,11 +104,11 @@ class Recording:
         JSON has them: those the inference began with."""
         with self._reading("its inputs"):
             rows = self.connection.execute("SELECT name, value FROM inputs").fetchall()
-            return {name: json.loads(value) for name, value in rows}
+            return {str(name): read_json(value) for name, value in rows}
 
     def changes(self, iteration: int | None = None) -> list[Change]:
         """Other settings and scans that an iteration was made with, in order; without it all there are."""
-        with self._reading("its changes"):
+        with self._reading("its changes"), self.blobs():
             return changes(self.connection, iteration)
 
     def changed_after(self) -> list[int]:
@@ -94,7 +124,7 @@ class Recording:
     def problem(self, iteration: int | None = None) -> Problem:
         """The problem of an iteration, or else of the next one, made again from model, scans, prior and settings as
         they were then; the same for all iterations between two changes, so that callers keep it."""
-        with self._reading("its model or scans"):
+        with self._reading("its model or scans"), self.blobs():
             return inputs_module.restored_problem(self.connection, iteration)
 
     def iterations(self) -> list[int]:
@@ -116,7 +146,7 @@ class Recording:
     def notes(self) -> list[str]:
         """What the writer had to say, such as that it thinned out iterations."""
         with self._reading("its notes"):
-            return [text for (text,) in self.connection.execute("SELECT text FROM notes ORDER BY number")]
+            return _texts(self.connection.execute("SELECT text FROM notes ORDER BY number"))
 
     def newest(self) -> int | None:
         """The number of the newest iteration that is written down, whole or not; None where there is none."""
@@ -131,7 +161,7 @@ class Recording:
         with self._reading("its summaries"):
             if self._pragma("user_version") < VERSION:
                 return []
-            return [text for (text,) in self.connection.execute(query, (after, 2**62 if last is None else last))]
+            return _texts(self.connection.execute(query, (after, 2**62 if last is None else last)))
 
     def summary(self, iteration: int) -> str | None:
         """The same of one iteration; None where there is none."""
@@ -168,7 +198,7 @@ class Recording:
 
     def _open(self) -> sqlite3.Connection:
         if not self._path.is_file():
-            raise RecordingError(f"recording '{self.name}' is not there")
+            raise DamageError(f"recording '{self.name}' is not there")
         address = f"file:{quote(str(self._path.absolute()))}?mode=ro"
         log = self._path.with_name(self._path.name + "-wal")
         # in a folder that cannot be written SQLite finds no place for its index; without a log it needs none
@@ -179,6 +209,7 @@ class Recording:
                 # else a file that was cut short is refused as a whole; opened read-only, nothing can be harmed
                 connection.execute("PRAGMA writable_schema = ON")
                 connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+                connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_TEXT)
                 return connection
             except sqlite3.DatabaseError as error:
                 connection.close()
@@ -205,8 +236,8 @@ class Recording:
     def _whole(self, iteration: int) -> bool:
         try:
             # the sizes are beside the bytes' first page, so this does not read them, but for a file that was cut short
-            query = f"SELECT sum(length(data)) FROM arrays WHERE iteration = ? AND {ITERATION_S_OWN}"
-            found = self.connection.execute(query, (iteration,)).fetchone()[0] is not None
+            rows = f"SELECT length(data) AS size FROM arrays WHERE iteration = ? AND {ITERATION_S_OWN} LIMIT 100"
+            found = self.connection.execute(f"SELECT sum(size) FROM ({rows})", (iteration,)).fetchone()[0] is not None
             if found and self._cut_short():
                 self._arrays(iteration)
             return found
@@ -223,8 +254,7 @@ class Recording:
         with self._reading(f"iteration {iteration}"):
             row = self.connection.execute(query, (iteration,)).fetchone()
             if row is not None:
-                found = dict(zip(("stage", "tolerance", "mle_score", "seconds", "notes"), row, strict=True))
-                return found | {"notes": json.loads(found["notes"])}
+                return _checked_scalars(*row)
         known = self.iterations()
         there = f"iterations {known[0]} to {known[-1]}" if known else "none"
         raise RecordingError(f"iteration {iteration} is not in recording '{self.name}'; it has {there}")
@@ -238,11 +268,26 @@ class Recording:
     def _read_arrays(self, iteration: int, which: str) -> Arrays:
         query = f"SELECT name, dtype, shape, data FROM arrays WHERE iteration = ? AND {which}"
         found: dict[str, NDArray[Any]] = {}
-        with self._reading(f"iteration {iteration}"):
+        with self._reading(f"iteration {iteration}"), self.blobs():
+            if self._shapes is not None:
+                said = query.replace("data", "length(data)") + f" LIMIT {len(self._shapes.largest) * 2}"
+                try:
+                    self._shapes.check(self.connection.execute(said, (iteration,)))
+                except (ValueError, KeyError, TypeError):
+                    raise RecordingError(f"iteration {iteration} does not fit the model of its recording") from None
             for name, dtype, shape, data in self.connection.execute(query, (iteration,)):
                 found[name] = unpack(dtype, shape, data)
                 found[name].setflags(write=False)
         return found
+
+    @contextmanager
+    def blobs(self) -> Iterator[None]:
+        """Meanwhile what is read may be longer than a text: a model, depths, an array."""
+        before = self.connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST)
+        try:
+            yield
+        finally:
+            self.connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, before)
 
     @contextmanager
     def _reading(self, what: str) -> Iterator[None]:
@@ -251,3 +296,24 @@ class Recording:
             yield
         except _DAMAGE:
             raise RecordingError(f"recording '{self.name}' is damaged: {what} cannot be read") from None
+
+
+def _texts(rows: Iterable[tuple[Any, ...]]) -> list[str]:
+    """Raises TypeError where one is none."""
+    found = []
+    for (text,) in rows:
+        if not isinstance(text, str):
+            raise TypeError("no text")
+        found.append(text)
+    return found
+
+
+def _checked_scalars(stage: Any, tolerance: Any, score: Any, seconds: Any, notes: Any) -> dict[str, Any]:
+    """The row of an iteration. Raises TypeError or ValueError where it is none."""
+    told = read_json(notes)
+    numbers = [tolerance, seconds, *([] if score is None else [score])]
+    if not all(isinstance(number, float) for number in numbers) or not isinstance(stage, str):
+        raise TypeError("no row of an iteration")
+    if not isinstance(told, list) or not all(isinstance(note, str) for note in told):
+        raise TypeError("no notes")
+    return {"stage": stage, "tolerance": tolerance, "mle_score": score, "seconds": seconds, "notes": told}

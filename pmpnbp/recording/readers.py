@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from pmpnbp.recording.array_shapes import ArrayShapes
 from pmpnbp.recording.reader import Recording
 
 # Idle connections kept for one recording; more than so many readers at once open their own.
@@ -14,10 +15,12 @@ IDLE = 2
 
 
 class Readers:
-    """Connections to the recording at `path`. Thread-safe."""
+    """Connections to the recording at `path`, which is from elsewhere where `foreign`. Thread-safe."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, foreign: bool = False) -> None:
         self._path = path
+        self._foreign = foreign
+        self._shapes: ArrayShapes | None = None
         self._lock = threading.Lock()
         self._idle: list[Recording] = []
         self._generation = 0
@@ -28,7 +31,7 @@ class Readers:
         with self._lock:
             generation = self._generation
             recording = self._idle.pop() if self._idle else None
-        recording = recording or Recording(self._path)
+        recording = recording or self._opened()
         kept = False
         try:
             yield recording
@@ -39,6 +42,16 @@ class Readers:
         finally:
             if not kept:
                 recording.close()
+
+    def _opened(self) -> Recording:
+        recording = Recording(self._path)
+        if self._foreign:
+            try:
+                self._shapes = recording.distrust(self._shapes)
+            except BaseException:
+                recording.close()
+                raise
+        return recording
 
     def close(self) -> None:
         """Close what is idle, and what is in use once it is no longer: the file is replaced, or its log folded in."""

@@ -12,7 +12,7 @@ import sqlite3
 from pathlib import Path
 from typing import Any
 
-from pmpnbp.errors import RecordingError
+from pmpnbp.errors import DamageError, RecordingError, why_not_written
 from pmpnbp.recording.changes import change_rows
 from pmpnbp.recording.reader import Recording
 from pmpnbp.recording.schema import ADDED_TABLES, APPLICATION_ID, TABLES, VERSION
@@ -33,7 +33,8 @@ def make_whole(path: Path) -> int:
         copy = path.with_name(path.name + ".part")
         _remove(copy)
         try:
-            whole = None if whole is None else _copy(recording, copy, whole)
+            with recording.blobs():
+                whole = None if whole is None else _copy(recording, copy, whole)
         except sqlite3.Error as error:
             _remove(copy)
             raise RecordingError(f"recording '{path.name}' is damaged and cannot be mended: {error}") from None
@@ -82,14 +83,19 @@ def replace_recording(new: Path, path: Path) -> None:
 
 
 def back_up(path: Path, copy: Path) -> None:
-    """A consistent copy of the recording at `path` as one file, also while it is being written. Raises
-    sqlite3.DatabaseError where it is damaged."""
-    with (
-        contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as source,
-        contextlib.closing(sqlite3.connect(copy)) as target,
-    ):
-        source.backup(target)
-        target.execute("PRAGMA journal_mode = DELETE")
+    """A consistent copy of the recording at `path` as one file, also while it is being written. Raises DamageError
+    where it is damaged; a full disk is SQLite's own error."""
+    try:
+        with (
+            contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as source,
+            contextlib.closing(sqlite3.connect(copy)) as target,
+        ):
+            source.backup(target)
+            target.execute("PRAGMA journal_mode = DELETE")
+    except sqlite3.DatabaseError as error:
+        if why_not_written(error) is not None and path.exists():
+            raise
+        raise DamageError(f"recording '{path.name}' cannot be copied: {error}") from None
 
 
 def _copy(recording: Recording, copy: Path, whole: int) -> int:

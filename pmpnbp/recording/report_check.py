@@ -6,6 +6,7 @@ before anything is drawn or counted from them.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from pmpnbp.errors import RecordingError
 from pmpnbp.inference.belief import SOURCES, IterationReport, Messages
 from pmpnbp.inference.problem import Problem
+from pmpnbp.names import name_fault
 
 # Metres; nothing that a sensor sees is further away.
 _MOST_DISTANT = 1e4
@@ -45,6 +47,8 @@ def _fits(problem: Problem, report: IterationReport) -> bool:
         report.nuisances is None or _small(report.nuisances, problem.nuisance_std.shape),
         report.rivals is None or _rivals(report.rivals, dof),
         0 <= report.search_after <= report.iteration,
+        name_fault(report.stage) is None,
+        math.isfinite(report.tolerance) and math.isfinite(report.seconds),
     ]
     if not all(sound):
         return False
@@ -64,7 +68,7 @@ def _messages_fit(problem: Problem, report: IterationReport, messages: Messages)
         and np.array_equal(messages.receiver, problem.mrf.receiver)
         and all(_numbers(array, (edges, samples)) for array in factors)
         and are_poses(messages.poses, (edges, samples, 7))
-        and _numbers(messages.joint_draw, (edges, samples, problem.mrf.axes_per_edge))
+        and are_numbers(messages.joint_draw, (edges, samples, problem.mrf.axes_per_edge))
         and report.log_message_shares.shape[2] == shares
         and _shares_have_samples(report.log_message_shares, samples)
     )

@@ -51,7 +51,7 @@ ADDED_MODE = "ALTER TABLE changes ADD COLUMN mode TEXT"
 PREFIX = "posterior."
 ITERATION_S_OWN = f"name NOT LIKE '{PREFIX}%'"
 
-# A blob larger than this is not unpacked: no array of a recording is, so its header lies.
+# Bytes. What says that it is larger is not unpacked: no array of a recording is.
 LARGEST_ARRAY = 1 << 31
 
 
@@ -67,14 +67,15 @@ def pack(array: NDArray[np.generic]) -> tuple[str, str, bytes]:
     return little.dtype.str, json.dumps(array.shape), zlib.compress(planes.tobytes(), 1)
 
 
-def unpack(dtype: str, shape: str, data: bytes) -> NDArray[np.generic]:
-    """The array that `pack` was given. Raises ValueError or zlib.error where the bytes are not its."""
+def unpack(dtype: str, shape: str, data: bytes, most: int = LARGEST_ARRAY) -> NDArray[np.generic]:
+    """The array that `pack` was given. Raises ValueError or zlib.error where the bytes are not its, or it says that it
+    takes more than `most` bytes."""
     kind = np.dtype(dtype)
     sizes = tuple(int(size) for size in json.loads(shape))
     if kind.hasobject or min(sizes, default=0) < 0:
         raise ValueError("no array of numbers")
     expected = kind.itemsize * int(np.prod(sizes, dtype=object))
-    if expected > LARGEST_ARRAY:
+    if expected > most:
         raise ValueError("array too large")
     unpacker = zlib.decompressobj()
     raw = unpacker.decompress(data, expected + 1)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from pmpnbp.errors import RecordingError
+from pmpnbp.errors import RecordingError, StorageError, why_not_written
 from pmpnbp.inference.belief import IterationReport, State
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.recording import inputs as inputs_module
@@ -212,7 +212,9 @@ class RecordingWriter:
             raise self._failure(self._error) from None
 
     def _failure(self, error: Exception) -> RecordingError:
-        return RecordingError(f"recording '{self._path.name}' cannot be written: {error}")
+        reason = why_not_written(error)
+        kind = RecordingError if reason is None else StorageError
+        return kind(f"recording '{self._path.name}' cannot be written: {reason or error}")
 
 
 def fold_log(path: Path) -> bool:

@@ -16,6 +16,7 @@ from pmpnbp.errors import ScanError
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import IDENTITY, Array
+from pmpnbp.names import name_fault
 from pmpnbp.scene.json_files import finite_number, parse_object, read_object
 
 # More than any depth camera gives; keeps a hostile header from asking for gigabytes.
@@ -55,6 +56,8 @@ def _camera(members: Mapping[str, object], name: str) -> CameraFile:
     frame_id = members.get("frame_id", "world")
     if not isinstance(frame_id, str) or not frame_id:
         raise ScanError(f"'frame_id' of {name} is {frame_id!r:.80}; expected the name of a frame")
+    if fault := name_fault(frame_id):
+        raise ScanError(f"'frame_id' of {name} {fault}")
     stamp = None if members.get("stamp") is None else _member(members, "stamp", name)
     return CameraFile(camera, frame_id, stamp)
 

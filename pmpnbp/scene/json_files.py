@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pmpnbp.errors import PmpnbpError
+from pmpnbp.json_text import read_json
 
 # A camera or a prior takes less than a thousandth of it.
 LARGEST_FILE = 1 << 20
@@ -35,10 +36,12 @@ def read_object(path: Path, kind: str, failure: type[PmpnbpError]) -> Mapping[st
 def parse_object(text: str, name: str, failure: type[PmpnbpError]) -> Mapping[str, object]:
     """The object in the JSON `text`, which errors call `name`. Raises `failure` where it holds none."""
     try:
-        members = json.loads(text)
+        members = read_json(text)
     except json.JSONDecodeError as error:
         raise failure(f"{name} is not JSON (line {error.lineno}: {error.msg})") from error
-    except (ValueError, RecursionError) as error:
+    except UnicodeEncodeError as error:
+        raise failure(f"{name} holds half of a surrogate pair, such as '\\ud800'; expected text") from error
+    except ValueError as error:
         raise failure(f"{name} is not JSON that can be read: a number too long, or nested too deep") from error
     if not isinstance(members, Mapping):
         raise failure(f"{name} holds a {type(members).__name__}; expected an object {{…}}")

@@ -33,8 +33,8 @@ def truth_of(members: object, name: str) -> dict[str, Any]:
         try:
             found[link] = poses.from_matrix(np.array(matrix, dtype=np.float64).reshape(4, 4))
         except (ValueError, TypeError):
-            raise ScanError(f"link '{link}' of {name} has no 4x4 matrix of a pose") from None
+            raise ScanError(f"link '{link:.60}' of {name} has no 4x4 matrix of a pose") from None
     for joint, position in joints.items():
         if finite_number(position) is None:
-            raise ScanError(f"joint '{joint}' of {name} is {position!r}; expected a finite number")
+            raise ScanError(f"joint '{joint:.60}' of {name} is {position!r:.60}; expected a finite number")
     return {"links": found, "joints": {joint: float(position) for joint, position in joints.items()}}

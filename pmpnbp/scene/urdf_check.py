@@ -16,13 +16,14 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from pmpnbp.errors import ModelError
+from pmpnbp.names import name_fault
 
 JOINT_KINDS = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating")
 SHAPES = ("box", "cylinder", "sphere", "mesh")
 MESH_EXTENSIONS = (".stl", ".obj", ".dae", ".glb", ".ply")
 
 # Deeper or longer files than any robot's are attacks on the parser, not models.
-MAX_DEPTH, MAX_ELEMENTS = 64, 200_000
+MAX_DEPTH, MAX_ELEMENTS, MAX_ATTRIBUTE = 64, 200_000, 4096
 # Metres, radians or scale; keeps everything computed from a checked number finite.
 MAX_MAGNITUDE = 1e6
 # Sizes (metres) and scales: smaller ones have no surface left in double precision.
@@ -51,7 +52,7 @@ def check_urdf(data: bytes) -> CheckedUrdf:
     if root.tag != "robot":
         where = " in a namespace" if "}" in root.tag else ""
         raise ModelError(f"the file's root element is <{_local(root.tag)}>{where}, expected a plain <robot> (a URDF)")
-    name = root.get("name", "").strip()
+    name = _checked_name(root.get("name", "").strip(), "robot")
     tree = ElementTree.Element("robot", {"name": name})
     tree.extend([_link(element) for element in root.findall("link")])
     tree.extend([_joint(element) for element in root.findall("joint")])
@@ -84,6 +85,8 @@ def _scan(data: bytes) -> str:
             raise ModelError(f"the URDF nests elements more than {MAX_DEPTH} deep")
         if elements > MAX_ELEMENTS:
             raise ModelError(f"the URDF has more than {MAX_ELEMENTS} elements")
+        if max(map(len, (tag, *attributes.values()))) > MAX_ATTRIBUTE:
+            raise ModelError(f"<{tag:.60}> has an attribute, or a name, of more than {MAX_ATTRIBUTE} characters")
 
     def end(tag: str) -> None:
         nonlocal depth
@@ -291,6 +294,12 @@ def _name(element: ElementTree.Element, kind: str) -> str:
     name = element.get("name")
     if not name:
         raise ModelError(f"a <{kind}> of the URDF has no name")
+    return _checked_name(name, kind)
+
+
+def _checked_name(name: str, kind: str) -> str:
+    if fault := name_fault(name):
+        raise ModelError(f"the name of a <{kind}> of the URDF, {name!r:.60}, {fault}")
     return name
 
 

@@ -1,8 +1,9 @@
 // Does this browser draw without a graphics card? Then each picture takes the processor, which the inference may need
 // too: the 3D view shows fewer of the scan's points and, while the session runs, a picture every two seconds.
-// `?economy=0` in the page's address has it draw all, and `?economy=1` little.
+// `?economy=0` in the page's address has it draw all, and `?economy=1` little. Where so many look that the server draws
+// this view less often, that is said below the scene.
 
-import { byId } from "./dom.js";
+import { byId, setText } from "./dom.js";
 import { state, subscribe } from "./state.js";
 import { changeView } from "./view.js";
 
@@ -22,6 +23,8 @@ export function install() {
   box.addEventListener("change", () => changeView({ economy: box.checked }));
   subscribe(["view"], () => {
     box.checked = state.view.economy;
+    byId("slowed").hidden = !state.view.slowed;
+    setText(byId("slowed"), state.view.slowed ?? "");
   });
   subscribe(["session"], () => byId("scene").toggleAttribute("data-busy", state.session?.state === "running"));
 }

@@ -26,20 +26,23 @@ export const choices = (name) => declared.properties[name].enum;
 export const legend = (name) => declared.properties[name].legend;
 
 export async function openView(first) {
+  let before = false;
   try {
     applyAnswer(await call(path()));
   } catch (error) {
-    update({ trouble: error.message });
+    // of a view too many; gone with the first event, once there is room for it
+    if (error.status === 429) applyAnswer({ error: error.message });
+    else update({ trouble: error.message });
+    before = true;
   }
   changeView({ ...first, theme: theme(), hidden: document.hidden });
   closeEvents?.();
-  let before = false;
   closeEvents = listen(
     `${path()}/events`,
     { view: applyAnswer },
     {
       opened: () => {
-        if (before) sendAll(); // the server may have forgotten the view, as after its restart
+        if (before) sendAll(); // the server may have forgotten the view, as after its restart, or had no room for it
         before = true;
       },
     },

@@ -1,8 +1,8 @@
 """Damage valid uploads in every way we can think of, and see what a server makes of them.
 
-`mutations(rng)` yields uploads made of a valid URDF, zip, PNG, PCD, PLY, XYZ, NPY, NPZ, camera or form by one to three
-changes: bytes flipped, cut, repeated or put in, numbers in text replaced, checksums set right again behind a lie, and
-the tricks that archives are known for. `upload_attack` sends them to a server.
+`mutations(rng)` yields uploads made of a valid URDF, zip, PNG, PCD, PLY, XYZ, NPY, NPZ, camera, recording or form by
+one to three changes: bytes flipped, cut, repeated or put in, numbers in text replaced, checksums set right again behind
+a lie, and the tricks that archives and recordings can play. `upload_attack` sends them to a server.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from PIL import Image
 
+from tests.app import recording_mutations
 from tests.scene.scan_writers import pcd, ply
 
 URDF = """<?xml version="1.0"?>
@@ -95,6 +96,7 @@ def samples() -> list[Sample]:
         Sample("scans", "loose.xyz", b"".join(b"%f %f %f\n" % tuple(point) for point in loose[:200])),
         Sample("scans", "points.npy", npy.getvalue()),
         Sample("scans", "depth.npz", npz.getvalue(), camera),
+        Sample("recordings", "run.sqlite", recording_mutations.recording()),
     ]
 
 
@@ -108,10 +110,11 @@ def archive(entries: dict[str, bytes], method: int = zipfile.ZIP_DEFLATED) -> by
 
 
 def mutations(rng: random.Random) -> Iterator[Sample]:
-    """Damaged uploads without end, each format in turn."""
+    """Damaged uploads without end, each format in turn, recordings oftener."""
     whole = samples()
+    oftener = [sample for sample in whole if sample.kind == "recordings"] * 4
     while True:
-        for sample in whole:
+        for sample in (*whole, *oftener):
             changed = sample
             for _ in range(rng.choice((1, 1, 1, 2, 3))):
                 change = rng.choice(_changes(changed))
@@ -129,6 +132,7 @@ def _changes(sample: Sample) -> list[Callable[[random.Random, Sample], Sample]]:
         + {"png": [png_header] * 3, "zip": [zip_trick] * 4, "npz": [zip_lie] * 2}.get(ending, [])
         + ([numbers_in_text, numbers_in_text] if ending in ("urdf", "pcd", "ply", "xyz") else [])
         + ([npy_header] * 3 if ending in ("npy", "npz") else [])
+        + ([_of_recording(change) for change in recording_mutations.CHANGES * 4] if sample.kind == "recordings" else [])
     )
 
 
@@ -238,6 +242,14 @@ def npy_header(rng: random.Random, sample: Sample) -> Sample:
     if sample.file_name.endswith("npz"):
         data = archive({rng.choice(("depth.npy", "points.npy", "x.npy")): data})
     return replace(sample, content=data)
+
+
+def _of_recording(change: Callable[[random.Random, bytes], bytes]) -> Callable[[random.Random, Sample], Sample]:
+    def changed(rng: random.Random, sample: Sample) -> Sample:
+        return replace(sample, content=change(rng, sample.content))
+
+    changed.__name__ = change.__name__
+    return changed
 
 
 def zip_lie(rng: random.Random, sample: Sample) -> Sample:

@@ -10,12 +10,14 @@ import json
 import os
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from app.store.disk_room import folder_size
+from app.store.idempotency import Call
 from app.store.store import KINDS, Store
 from app.store.stored_scan import write_scan
 from pmpnbp.geometry.camera import Camera
@@ -35,10 +37,12 @@ def main(folder: Path) -> None:
         "add_model": _add_model,
         "add_scan": _add_scan,
         "delete_scan": lambda store: store.delete("scans", first["free"]),
-        "create_session": lambda store: store.create_session({"scan_ids": [first["used"]], "name": "new"}),
+        "create_session": lambda store: create_session(store, {"scan_ids": [first["used"]], "name": "new"}),
+        "create_session_with_key": lambda store: _create_with_key(store, first["used"]),
         "write_session": lambda store: store.write_session(first["session"], {"id": first["session"], "name": "new"}),
         "delete_session": lambda store: store.delete("sessions", first["session"]),
-        "remember": lambda store: store.idempotency.remember("a key", "other", {"answer": "new"}),
+        "add_model_with_key": lambda store: _with_key(store, "new key"),
+        "delete_model_with_key": lambda store: store.delete("models", first["model"]),
     }
     for name, action in actions.items():
         step, wrong = 0, []
@@ -66,12 +70,31 @@ def main(folder: Path) -> None:
 def _base(root: Path) -> dict[str, str]:
     store = Store(root, MAX_BYTES)
     used, free = _add_scan(store), _add_scan(store)
-    _add_model(store)
-    session = store.create_session({"scan_ids": [used], "name": "old"})
-    (store.session_folder(session) / "recording.sqlite").write_bytes(b"x" * 5000)
-    store.idempotency.remember("a key", "print", {"answer": "old"})
+    model = _with_key(store, "a key")
+    session = create_session(store, {"scan_ids": [used], "name": "old"})
     store.close()
-    return {"used": used, "free": free, "session": session}
+    return {"used": used, "free": free, "session": session, "model": model}
+
+
+def create_session(store: Store, document: Mapping[str, Any], call: Call | None = None) -> str:
+    """A session with a recording that none is; its id."""
+    with store.session_draft(document) as draft:
+        (store.session_folder(draft["id"]) / "recording.sqlite").write_bytes(b"x" * 5000)
+        store.land_session(draft["id"], {"id": "a session"}, call)
+    return str(draft["id"])
+
+
+def _create_with_key(store: Store, scan: str) -> None:
+    def make(call: Call | None) -> dict[str, Any]:
+        create_session(store, {"scan_ids": [scan], "name": "new"}, call)
+        return {}
+
+    store.idempotency.once("new key", "print", make)
+
+
+def _with_key(store: Store, key: str) -> str:
+    """The id of a model that a call with a key has made."""
+    return str(store.idempotency.once(key, "print", lambda call: {"id": _add_model(store, call)})["id"])
 
 
 def _add_scan(store: Store) -> str:
@@ -80,10 +103,10 @@ def _add_scan(store: Store) -> str:
         return str(store.add("scans", staging.folder / "scan.npz", "a.pcd", {"points": 6})["id"])
 
 
-def _add_model(store: Store) -> str:
+def _add_model(store: Store, call: Call | None = None) -> str:
     with store.staging() as staging:
         (staging.folder / "a.urdf").write_text("<robot/>")
-        return str(store.add("models", staging.folder / "a.urdf", "a.urdf", {"name": "a"})["id"])
+        return str(store.add("models", staging.folder / "a.urdf", "a.urdf", {"name": "a"}, call)["id"])
 
 
 def _run(root: Path, action: Callable[[Store], object], step: int) -> bool:
@@ -117,7 +140,8 @@ def _seen(root: Path) -> dict[str, object]:
     store = Store(root, MAX_BYTES)
     try:
         seen: dict[str, object] = {kind: store.documents(kind) for kind in ("models", "scans", "recordings")}
-        return seen | {"sessions": dict(store.sessions()), "key": store.idempotency.remembered("a key")}
+        keys = {key: _known(store, key) for key in ("a key", "new key")}
+        return seen | {"sessions": dict(store.sessions()), "keys": keys}
     finally:
         store.close()
 
@@ -128,7 +152,14 @@ def _shape(seen: dict[str, object] | None) -> object:
         return None
     counts = [len(seen[kind]) for kind in KINDS]  # type: ignore[arg-type]
     names = sorted(str(found and found.get("name")) for found in seen["sessions"].values())  # type: ignore[attr-defined]
-    return counts, names, seen["key"]
+    return counts, names, seen["keys"]
+
+
+def _known(store: Store, key: str) -> bool:
+    """Whether a call with the key is answered without being made."""
+    made: list[Call | None] = []
+    store.idempotency.once(key, "print", lambda call: made.append(call) or {})  # type: ignore[func-returns-value]
+    return not made
 
 
 def _damage(root: Path) -> list[str]:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import threading
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
 
-import fastapi.routing
 import httpx
 import pytest
 
+from app.routes import events as routes
 from app.routes.events import _news, get_events
 from app.schemas import Progress
 from app.schemas_results import TraceRow
@@ -89,7 +90,7 @@ def test_a_listener_hears_how_things_stand_and_then_everything(served: Any, clie
 def test_a_stream_is_kept_alive_and_never_stored(
     served: Any, client: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fastapi.routing, "_PING_INTERVAL", 0.05)
+    monkeypatch.setattr(routes, "IDLE_SECONDS", 0.05)
     with httpx.stream("GET", f"{served.url}{small.create(client)}/events", timeout=None) as answer:
         assert "no-store" in answer.headers["cache-control"] and answer.headers["x-accel-buffering"] == "no"
         lines = answer.iter_lines()
@@ -113,8 +114,9 @@ def test_iterations_are_gathered_where_they_are_not_waited_for() -> None:
 
         async def follow() -> None:
             async for fresh in _news(session, every):
-                async for event in get_events(session, fresh, None, every):
-                    kinds.extend([event.event] if event.event else [])
+                stream = await get_events(session, fresh, None, every)
+                async for text in stream.body_iterator:
+                    kinds.extend(re.findall(r"^event: (\w+)$", bytes(text).decode(), re.MULTILINE))
 
         following = asyncio.create_task(follow())
         while kinds != ["state"]:  # how things stand

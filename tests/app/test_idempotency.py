@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from app.problems import HttpProblem
 from app.store import atomic_files
-from app.store.idempotency import KEEP_SECONDS, IdempotencyKeys, call_key
+from app.store.idempotency import ANSWER, KEEP_SECONDS, Call, IdempotencyKeys, call_key
 from app.store.store import Store
+from pmpnbp.errors import StorageError
 
 ROOM = 1 << 24
 
@@ -29,80 +32,111 @@ def reopened(store: Store) -> Store:
     return Store(store.root, ROOM)
 
 
+def uploaded(store: Store, key: str | None = "k", fingerprint: str = "print") -> dict[str, Any]:
+    """The answer to an upload with a key."""
+
+    def make(call: Call | None) -> dict[str, Any]:
+        with store.staging() as staging:
+            (staging.folder / "x").write_text("<robot/>")
+            return store.add("models", staging.folder / "x", "a.urdf", {}, call)
+
+    return store.idempotency.once(key, fingerprint, make)
+
+
 def test_a_call_made_twice_is_done_once(store: Store) -> None:
-    made = []
-
-    def make() -> dict[str, object]:
-        made.append(1)
-        return {"id": len(made)}
-
-    assert store.idempotency.once("k", "print", make) == {"id": 1}
-    assert store.idempotency.once("k", "print", make) == {"id": 1}
+    first = uploaded(store)
+    assert uploaded(store) == first
     store = reopened(store)
-    assert store.idempotency.once("k", "print", make) == {"id": 1}
+    assert uploaded(store) == first
     with pytest.raises(HttpProblem, match="was used for a call with other content") as caught:
-        store.idempotency.once("k", "other", make)
+        uploaded(store, fingerprint="other")
     assert caught.value.status == 422
-    assert store.idempotency.once("other k", "other", make) == {"id": 2}
-    assert store.idempotency.once(None, "print", make) == {"id": 3}
+    others = [uploaded(store, "other k", "other"), uploaded(store, None), uploaded(store, None)]
+    assert len({entry["id"] for entry in (first, *others)}) == len(store.documents("models")) == 4
     store.close()
 
 
-def test_a_call_that_failed_may_be_made_again(store: Store) -> None:
-    def fail() -> dict[str, object]:
-        raise HttpProblem(422, "no")
+def test_a_call_is_not_made_again_when_its_entry_is_deleted(store: Store) -> None:
+    first = uploaded(store)
+    store.delete("models", first["id"])
+    assert uploaded(store) == first
+    store = reopened(store)
+    assert uploaded(store) == first
+    assert store.documents("models") == []
+    store.close()
 
-    with pytest.raises(HttpProblem, match="no"):
-        store.idempotency.once("k", "print", fail)
-    assert store.idempotency.once("k", "print", lambda: {"id": 1}) == {"id": 1}
+
+def test_a_call_that_failed_may_be_made_again(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(atomic_files, "write_json", full)  # where its answer cannot be kept, nor can what it made
+        with pytest.raises(StorageError):
+            uploaded(store)
+    assert store.documents("models") == []
+    assert [uploaded(store)] == store.documents("models")
 
 
 def test_the_same_call_at_the_same_time_has_to_wait(store: Store) -> None:
     begun, go_on = threading.Event(), threading.Event()
 
-    def slow() -> dict[str, object]:
+    def slow(call: Call | None) -> dict[str, Any]:
         begun.set()
         go_on.wait()
-        return {"id": 1}
+        return {}
 
     first = threading.Thread(target=store.idempotency.once, args=("k", "print", slow))
     first.start()
     begun.wait()
     with pytest.raises(HttpProblem, match="still at work") as caught:
-        store.idempotency.once("k", "print", slow)
+        uploaded(store)
     assert caught.value.status == 409
     go_on.set()
     first.join()
-    assert store.idempotency.once("k", "print", slow) == {"id": 1}
-
-
-def test_what_was_made_is_answered_even_where_it_cannot_be_remembered(
-    store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "full")
-
-    monkeypatch.setattr(atomic_files, "write_json", full)
-    assert store.idempotency.once("k", "print", lambda: {"id": 1}) == {"id": 1}
-    assert "could not be kept" in caplog.text
+    assert uploaded(store)["id"]
 
 
 def test_answers_are_forgotten_after_a_day_and_beyond_a_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    now = [1000.0]
-    (tmp_path / "incoming").mkdir()
-    kept = IdempotencyKeys(tmp_path / "remembered", tmp_path / "incoming", lambda: now[0])
-    kept.remember("old", "print", {"id": 1})
+    now, made = [1000.0], []
+    kept = IdempotencyKeys(tmp_path / "remembered", now=lambda: now[0])
+
+    def call(key: str) -> int:
+        """How often the call was made."""
+
+        def make(call: Call | None) -> dict[str, Any]:
+            assert call is not None
+            entry = tmp_path / f"entry {len(made)}"
+            made.append(key)
+            entry.mkdir()
+            atomic_files.write_json(entry / ANSWER, call.answered({}))
+            kept.landed(call, entry)
+            return {}
+
+        kept.once(key, "print", make)
+        return made.count(key)
+
+    call("old")
     now[0] += KEEP_SECONDS - 1
-    kept.remember("new", "print", {"id": 2})
-    assert kept.remembered("old") is not None
+    call("new")
+    assert call("old") == 1
     now[0] += 2
-    assert kept.remembered("old") is None
-    assert kept.remembered("new") == ("print", {"id": 2})
-    assert len(list((tmp_path / "remembered").iterdir())) == 1
+    assert call("old") == 2 and call("new") == 1
+    assert len(list(tmp_path.glob(f"*/{ANSWER}"))) == 2
     monkeypatch.setattr("app.store.idempotency.MOST", 3)
     for number in range(5):
-        kept.remember(f"key {number}", "print", {"id": number})
-    assert [kept.remembered(f"key {number}") is not None for number in range(5)] == [False, False, True, True, True]
+        call(f"key {number}")
+    assert [call(f"key {number}") for number in (4, 3, 2, 1)] == [1, 1, 1, 2]
+
+
+def test_answers_of_an_older_store_are_still_given(store: Store) -> None:
+    name = hashlib.sha256(b"k").hexdigest()
+    atomic_files.write_json(
+        store.root / "remembered" / f"{name}.json", {"fingerprint": "print", "response": {"id": "old"}, "at": 0.0}
+    )
+    store = reopened(store)
+    assert uploaded(store) == {"id": "old"}
+    store.close()
 
 
 def test_a_key_belongs_to_its_call() -> None:

@@ -8,7 +8,9 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,10 +89,47 @@ def test_a_file_that_crashes_its_reader_is_refused_and_the_next_is_read(
     parsers.warm("scans")
     worker = parsers._idle["scans"][-1]
     worker.wait_ready(time.monotonic() + 600)
-    os.kill(worker._process.pid, signal.SIGSTOP)
-    threading.Timer(0.1, os.kill, (worker._process.pid, signal.SIGKILL)).start()
-    with pytest.raises(HttpProblem, match="it made its reader crash"):
+    crash(worker, signal.SIGSEGV)
+    with pytest.raises(HttpProblem, match="it made its reader crash") as caught:
         parsers.parse("scans", scan_file, tmp_path / "out.npz")
+    assert caught.value.status == 422
+    assert parsers.parse("scans", scan_file, tmp_path / "out.npz")["points"] > 0
+
+
+def crash(worker: Any, with_signal: signal.Signals) -> None:
+    """Have the process die of a signal while it reads its next file."""
+    os.kill(worker._process.pid, signal.SIGSTOP)
+
+    def die() -> None:
+        os.kill(worker._process.pid, with_signal)
+        with suppress(ProcessLookupError):
+            os.kill(worker._process.pid, signal.SIGCONT)  # it sees no other signal while it is stopped
+
+    threading.Timer(0.1, die).start()
+
+
+def test_a_file_whose_reader_was_killed_is_read_once_more(parsers: Parsers, scan_file: Path, tmp_path: Path) -> None:
+    parsers.warm("scans")
+    worker = parsers._idle["scans"][-1]
+    worker.wait_ready(time.monotonic() + 600)
+    crash(worker, signal.SIGKILL)
+    assert parsers.parse("scans", scan_file, tmp_path / "out.npz")["points"] > 0
+
+
+def test_a_file_whose_readers_are_killed_may_come_again(
+    parsers: Parsers, scan_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ready = parsers._get_ready
+
+    def killed(worker: Any) -> None:
+        ready(worker)
+        crash(worker, signal.SIGKILL)
+
+    monkeypatch.setattr(parsers, "_get_ready", killed)
+    with pytest.raises(HttpProblem, match=r"the process that reads 'a\.npy' was killed twice") as caught:
+        parsers.parse("scans", scan_file, tmp_path / "out.npz")
+    assert caught.value.status == 503 and caught.value.headers["Retry-After"]
+    monkeypatch.undo()
     assert parsers.parse("scans", scan_file, tmp_path / "out.npz")["points"] > 0
 
 

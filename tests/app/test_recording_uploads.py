@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ import pytest
 
 from pmpnbp.inference import run as engine
 from pmpnbp.recording import Inputs, RecordingWriter
+from pmpnbp.recording.schema import unpack
 from pmpnbp.scene.prior import load_prior
 from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.scene.urdf import load_model
 from pmpnbp.settings import preset
+from tests.app import recording_mutations
 from tests.app.upload_calls import CABINET, detail, emptied, nothing_kept, upload
 
 
@@ -98,3 +101,43 @@ def altered(recording: bytes, script: str, path: Path) -> bytes:
     connection.executescript(script)
     connection.close()
     return path.read_bytes()
+
+
+def test_a_bomb_in_the_midst_is_damage_of_that_iteration(served: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """64 MiB of zeros, packed in 64 KiB; nothing larger than an array of this model is unpacked to tell so."""
+    size = 64 << 20
+    content = recording_mutations.altered(
+        recording_mutations.recording(),
+        lambda connection: connection.execute(
+            "UPDATE arrays SET shape = ?, data = ? WHERE iteration = 3 AND name = 'belief.poses'",
+            (f"[4, {size // 224}, 7]", zlib.compress(bytes(size // 224 * 224))),
+        ),
+    )
+    assert len(content) < 2 << 20
+    answer = upload(served.client, "recordings", "bomb.sqlite", content)
+    assert answer.status_code == 201, answer.text
+    unpacked: list[int] = []
+
+    def noted(*given: Any) -> Any:
+        unpacked.append((array := unpack(*given)).nbytes)
+        return array
+
+    monkeypatch.setattr("pmpnbp.recording.reader.unpack", noted)
+    path = f"/api/v1/sessions/{answer.json()['id']}"
+    says = "iteration 3 does not fit the model of its recording"
+    for call in ("estimate", "beliefs/frame", "beliefs/frame/particles/0"):
+        assert says in detail(served.client.get(f"{path}/{call}?iteration=3"), 404)
+        assert served.client.get(f"{path}/{call}?iteration=2").status_code == 200
+    rows = served.client.get(f"{path}/trace").json()["iterations"]
+    assert [row["iteration"] for row in rows] == [0, 1, 2, 3, 4, 5, 6]  # its row is the session's own
+    assert unpacked and max(unpacked) < 1 << 20
+
+
+def test_more_scans_than_a_server_can_keep(served: Any, recording: bytes, tmp_path: Path) -> None:
+    scans = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n WHERE x < 250) INSERT INTO scans "
+    scans += "SELECT x, camera, frame_id, stamp, dtype, shape, depth FROM scans, n"
+    content = altered(recording, scans, tmp_path / "many.sqlite")
+    assert "has more than 67108864 pixels of scans" in detail(
+        upload(served.client, "recordings", "many.sqlite", content), 422
+    )
+    assert nothing_kept(served)

@@ -230,6 +230,7 @@ def test_metrics_are_prometheus_text(page: httpx.Client) -> None:
         f"pmpnbp_{name}"
         for name in (
             *("info", "ready", "uptime_seconds", "resident_memory_bytes", "stored_bytes", "clients"),
+            *("connections", "connections_ended_total"),
             *("http_requests_total", "sessions"),
         )
     }

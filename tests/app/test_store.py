@@ -18,10 +18,11 @@ from app.problems import HttpProblem
 from app.store.disk_room import folder_size
 from app.store.store import Kind, Store, StoreError
 from app.store.stored_scan import read_scan, write_scan
-from pmpnbp.errors import DiskFullError
+from pmpnbp.errors import StorageError
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.scan_files import load_scan
+from tests.app.store_steps import create_session
 from tests.scene.scan_writers import pcd, ply
 
 SCAN = Scan(
@@ -77,7 +78,7 @@ def same(a: Scan, b: Scan) -> bool:
 
 def test_what_was_added_is_there_after_a_restart(store: Store) -> None:
     model, scan, recording = add_model(store), add_scan(store), add_recording(store)
-    session = store.create_session({"model_id": model, "scan_ids": [scan], "changes": []})
+    session = create_session(store, {"model_id": model, "scan_ids": [scan], "changes": []})
     store.write_session(session, {"id": session, "model_id": model, "scan_ids": [scan], "name": "two"})
     before = store.documents("models"), store.documents("scans"), store.documents("recordings"), store.sessions()
     store = reopened(store)
@@ -149,7 +150,9 @@ def test_a_kill_at_any_step_leaves_the_whole_entry_or_nothing(tmp_path: Path) ->
         "create_session",
         "write_session",
         "delete_session",
-        "remember",
+        "create_session_with_key",
+        "add_model_with_key",
+        "delete_model_with_key",
     }
 
 
@@ -174,7 +177,7 @@ def test_an_entry_is_forced_to_the_disk_before_it_is_there(store: Store, monkeyp
 @pytest.mark.parametrize("call", ["mkdir", "replace", "fsync", "rename"])
 def test_a_full_disk_is_said_and_changes_nothing(call: str, store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     kept = add_scan(store)
-    session = store.create_session({"name": "old"})
+    session = create_session(store, {"name": "old"})
     before = store.documents("models"), store.documents("scans"), store.sessions(), store.used_bytes()
 
     def full(*_: object, **__: object) -> None:
@@ -184,14 +187,14 @@ def test_a_full_disk_is_said_and_changes_nothing(call: str, store: Store, monkey
         write_scan(staging.folder / "scan.npz", SCAN)
         with monkeypatch.context() as patch:
             patch.setattr(*((Path, "mkdir") if call == "mkdir" else (os, call)), full)
-            with pytest.raises(DiskFullError, match="is full; nothing was changed"):
+            with pytest.raises(StorageError, match="is full; nothing was changed"):
                 store.add("scans", staging.folder / "scan.npz", "b.pcd", {})
             if call in ("replace", "fsync"):
-                with pytest.raises(DiskFullError, match="is full"):
+                with pytest.raises(StorageError, match="is full"):
                     store.write_session(session, {"name": "new"})
             if call != "replace":  # which moves no file of a session
-                with pytest.raises(DiskFullError, match="is full"):
-                    store.create_session({"name": "new"})
+                with pytest.raises(StorageError, match="is full"):
+                    create_session(store, {"name": "new"})
     assert (store.documents("models"), store.documents("scans"), store.sessions(), store.used_bytes()) == before
     store = reopened(store)
     assert [scan["id"] for scan in store.documents("scans")] == [kept]
@@ -202,7 +205,7 @@ def test_a_full_disk_is_said_and_changes_nothing(call: str, store: Store, monkey
 
 def test_the_limit_on_disk_counts_entries_sessions_and_uploads(store: Store) -> None:
     scan = add_scan(store)
-    session = store.create_session({})
+    session = create_session(store, {})
     assert store.used_bytes() > 0
     (store.session_folder(session) / "recording.sqlite").write_bytes(b"x" * 10_000)
     store = reopened(store)
@@ -235,13 +238,13 @@ def test_what_is_not_here_is_said(store: Store) -> None:
     with pytest.raises(HttpProblem, match="recording 'z' is not here"):
         store.file("recordings", "z")
     with pytest.raises(HttpProblem, match="scan 'gone' is not here"):
-        store.create_session({"scan_ids": ["gone"]})
+        create_session(store, {"scan_ids": ["gone"]})
     assert store.sessions() == []
 
 
 def test_what_a_session_uses_cannot_be_deleted(store: Store) -> None:
     model, first, second = add_model(store), add_scan(store), add_scan(store)
-    session = store.create_session({"model_id": model, "scan_ids": [first]})
+    session = create_session(store, {"model_id": model, "scan_ids": [first]})
     store.write_session(
         session, {"model_id": model, "scan_ids": [first], "changes": [{"after_iteration": 3, "scan_id": second}]}
     )
@@ -265,7 +268,7 @@ def test_what_a_session_uses_cannot_be_deleted(store: Store) -> None:
 
 
 def test_a_damaged_entry_does_not_stop_the_start(store: Store) -> None:
-    scan, session, whole = add_scan(store), store.create_session({}), store.create_session({"name": "whole"})
+    scan, session, whole = add_scan(store), create_session(store, {}), create_session(store, {"name": "whole"})
     (store.root / "scans" / scan / "scan.json").write_text("{")
     (store.root / "sessions" / session / "session.json").write_bytes(b"\xff\0")
     (store.root / "sessions" / "not an entry").mkdir()
@@ -323,7 +326,7 @@ def test_many_threads_at_once(store: Store) -> None:
 
 def test_documents_are_the_callers_own(store: Store) -> None:
     document: dict[str, list[int]] = {"changes": []}
-    session = store.create_session(document)
+    session = create_session(store, document)
     document["changes"].append(1)
     dict(store.sessions())[session]["changes"].append(2)  # type: ignore[index]
     assert dict(store.sessions())[session]["changes"] == []  # type: ignore[index]

@@ -27,7 +27,7 @@ def test_the_unharmed_originals_are_taken_in(served: Any) -> None:
     answers = [upload_attack.send(served.client, sample) for sample in mutations.samples()]
     assert [answer.status_code for answer in answers] == [201] * len(answers)
     kinds = {sample.file_name.rpartition(".")[2] for sample in mutations.samples()}
-    assert kinds == {"urdf", "zip", "png", "pcd", "ply", "xyz", "npy", "npz"}
+    assert kinds == {"urdf", "zip", "png", "pcd", "ply", "xyz", "npy", "npz", "sqlite"}
 
 
 def test_the_same_seed_gives_the_same_damage() -> None:

@@ -19,7 +19,6 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from app.commands.serve import quiet_libraries
 from app.problems import HttpProblem
-from app.security import COOKIE, cookie_value
 from app.viewer.views import Views
 from app.viewer.viser_server import SECRET_HEADER
 
@@ -173,7 +172,8 @@ def test_a_strange_view_is_refused(viewed: Any, name: str) -> None:
 
 
 def test_the_token_is_asked_for(guarded: Any) -> None:
-    cookie = {"Cookie": f"{COOKIE}={cookie_value(TOKEN)}"}
+    ours = guarded.app.state.page_cookie
+    cookie = {"Cookie": f"{ours.name}={ours.value}"}
     assert do(refused(connect(guarded)))[0] == 401
     assert do(refused(connect(guarded, additional_headers={"Authorization": "Bearer wrong"})))[0] == 401
     assert do(refused(connect(guarded, f"/sessions/{SESSION}/view?token={TOKEN}")))[0] == 401

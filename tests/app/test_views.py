@@ -180,8 +180,64 @@ def test_a_deleted_session_ends_its_views(served: Any) -> None:
 
 
 def test_views_that_nobody_keeps_make_room(serve: Callable[..., Any]) -> None:
-    served = serve(max_clients=4).ready()
+    served = serve(max_views=4).ready()
     path = small.create(served.client)
     for number in range(9):
         state(served, f"{path}/views/v{number}")
     assert len(served.app.state.views) == 4
+
+
+def test_a_view_too_many_is_refused_until_one_closes(serve: Callable[..., Any]) -> None:
+    served = serve(max_views=2)
+    served.app.state.views._linger = 0.0
+    path = small.create(served.client)
+    views = [f"{path}/views/v{number}" for number in range(3)]
+    with looking(served, views[0]):
+        with looking(served, views[1]):
+            for method in ("GET", "PATCH"):
+                answer = served.client.request(method, views[2], json={} if method == "PATCH" else None)
+                small.problem(
+                    answer, 429, "2 3D views are open, the most that this server draws (its setting max_views)"
+                )
+                assert answer.headers["retry-after"]
+            answer = upgrade(served, views[2])
+            small.problem(answer, 429, "2 3D views are open")
+        until(lambda: served.client.get(views[2]).status_code == 200)
+
+
+def upgrade(served: Any, view: str) -> httpx.Response:
+    """What a browser's websocket on a view is answered."""
+    session_id, view_id = view.split("/")[4], view.split("/")[6]
+    headers = {
+        "Connection": "Upgrade",
+        "Upgrade": "websocket",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+        "Origin": served.url,
+    }
+    found: httpx.Response = served.client.get(f"/sessions/{session_id}/view/{view_id}/", headers=headers)
+    return found
+
+
+def test_views_beyond_those_at_the_full_rate_are_told_so(serve: Callable[..., Any]) -> None:
+    served = serve(max_views_full_rate=1).ready()
+    path = small.create(served.client)
+    first, second = f"{path}/views/first", f"{path}/views/second"
+    with looking(served, second):
+        assert state(served, second)["slowed"] is None
+        with looking(served, first):
+            # not who was looked at first, but what was opened first
+            assert state(served, second)["slowed"] is None
+            told = state(served, first)["slowed"]
+            assert told.startswith("1 view was opened before this one")
+            state(served, second, hidden=True)
+            assert state(served, first)["slowed"] is None
+            state(served, second, hidden=False)
+            assert state(served, first)["slowed"] == told
+            # slowed or not, what rests is drawn at once
+            small.step(served.client, path)
+            drawn(served, first, 1)
+        with looking(served, first):
+            assert state(served, first)["slowed"] == told
+    with looking(served, first):
+        until(lambda: state(served, first)["slowed"] is None)

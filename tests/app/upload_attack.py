@@ -2,8 +2,9 @@
 
     python -m tests.app.upload_attack http://127.0.0.1:8080 --count 3000 [--token TOKEN]
 
-Each answer has to be 201 or a problem+json below 500, in under 15 s; the server has to live on, to grow by less than
-100 MB, and to keep what was stored before as it was.
+Each answer has to be 201 or a problem+json below 500, in under 15 s, and what was taken in, and every list, has to read
+as its schema says, of a recording its estimates, trace and beliefs, too; the server has to live on, to grow by less
+than 100 MB, and to keep what was stored before as it was.
 """
 
 from __future__ import annotations
@@ -18,7 +19,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import httpx
+from pydantic import BaseModel, ValidationError
 
+from app.schemas import Session
+from app.schemas_particles import Graph, ParticleReasons
+from app.schemas_results import BeliefParticles, Estimate, MessageParticles, Trace
 from tests.app.mutations import Sample, cut, flip_early, mutations, put_in, repeat, samples, take_out, trick
 
 LONGEST_ANSWER = 15.0
@@ -69,6 +74,42 @@ def objection(answer: httpx.Response) -> str | None:
     return None
 
 
+# What is asked of a recording that was taken in, and what the answer has to be.
+_READS: tuple[tuple[str, type[BaseModel] | None], ...] = (
+    ("", Session),
+    ("/estimate", Estimate),
+    ("/estimate?iteration=0", Estimate),
+    ("/estimate?iteration=3", Estimate),
+    ("/trace", Trace),
+    ("/graph", Graph),
+    ("/beliefs/frame", BeliefParticles),
+    ("/beliefs/drawer1?iteration=5", BeliefParticles),
+    ("/beliefs/frame/particles/3", ParticleReasons),
+    ("/messages/frame/drawer1", MessageParticles),
+)
+
+
+def objections_to_reads(client: httpx.Client, kind: str, id: str) -> list[str]:
+    """What is wrong with the answers about an entry that was taken in, and about all of its kind."""
+    calls: list[tuple[str, type[BaseModel] | None]] = [(f"/api/v1/{kind}", None), (f"/api/v1/{kind}/{id}", None)]
+    if kind == "recordings":
+        calls += [(f"/api/v1/sessions/{id}{call}", schema) for call, schema in _READS]
+    found = []
+    for call, schema in calls:
+        answer = client.get(call)
+        wrong = None
+        if answer.status_code == 200 and schema is not None:
+            try:
+                schema.model_validate_json(answer.content)
+            except ValidationError as error:
+                wrong = f"is no {schema.__name__}: {error.errors()[0]}"
+        elif answer.status_code not in (200, 503):
+            wrong = objection(answer)
+        if wrong is not None:
+            found.append(f"GET {call.replace(id, 'ID')} {wrong}")
+    return found
+
+
 def memory(client: httpx.Client) -> int:
     """Bytes that the server's process holds, by its own metrics."""
     found = re.search(r"^pmpnbp_resident_memory_bytes (\S+)$", client.get("/metrics").text, re.MULTILINE)
@@ -87,6 +128,7 @@ def attack(client: httpx.Client, count: int, seed: int, say: Callable[[str], Non
             outcome.failures.append(f"valid {sample.file_name} was answered {answer.status_code}: {answer.text}")
             return outcome
         before[f"/api/v1/{sample.kind}/{answer.json()['id']}"] = answer.json()
+        outcome.failures += objections_to_reads(client, sample.kind, answer.json()["id"])
     source = mutations(rng)
     for _ in range(20):  # what the first calls make a process load is no growth
         send(client, next(source))
@@ -106,9 +148,12 @@ def attack(client: httpx.Client, count: int, seed: int, say: Callable[[str], Non
             outcome.statuses[answer.status_code] += 1
             outcome.slowest = max(outcome.slowest, answer.elapsed.total_seconds())
             if answer.status_code == 201:
+                wrongs = objections_to_reads(client, sample.kind, answer.json()["id"])
+                outcome.failures += [f"upload {number} ({', '.join(sample.done)}): {wrong}" for wrong in wrongs]
                 client.delete(f"/api/v1/{sample.kind}/{answer.json()['id']}")
         if number % 200 == 199:
-            say(f"{number + 1}: {dict(outcome.statuses)}, {len(outcome.failures)} failures")
+            grown = (memory(client) - began) >> 20
+            say(f"{number + 1}: {dict(outcome.statuses)}, {len(outcome.failures)} failures, {grown} MiB more")
     outcome.growth = memory(client) - began
     if outcome.growth >= MOST_GROWTH:
         outcome.failures.append(f"the server grew by {outcome.growth >> 20} MiB")

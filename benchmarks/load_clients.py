@@ -1,0 +1,224 @@
+"""Clients that load a server: planners, event listeners and 3D views, each kind in a process of its own.
+
+They use plain sockets and look into as little as they must, so that they take little of the cores which they share with
+the server. `start` starts them; the process prints `connected`, and as its last line what it saw, as JSON.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import resource
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Any
+
+import httpx
+import viser
+
+from benchmarks.trials import PROJECT
+
+KINDS = ("planners", "listeners", "views")
+
+
+class Clients:
+    """A process of clients of one kind."""
+
+    def __init__(self, kind: str, url: str, sessions: Sequence[str], count: int, seconds: float, rate: float) -> None:
+        command = [sys.executable, "-m", "benchmarks.load_clients", kind, url, *sessions]
+        command += ["--count", str(count), "--seconds", str(seconds), "--rate", str(rate)]
+        self._process = subprocess.Popen(command, cwd=PROJECT, stdout=subprocess.PIPE, text=True)
+
+    def connected(self) -> None:
+        """Wait until all of them are connected, or were refused."""
+        assert self._process.stdout is not None
+        self._process.stdout.readline()
+
+    def seen(self) -> dict[str, Any]:
+        """What they saw, once they are done."""
+        words, _ = self._process.communicate()
+        found: dict[str, Any] = json.loads(words.splitlines()[-1])
+        return found
+
+
+class Reader(asyncio.BufferedProtocol):
+    """Drops what it gets, but for the head of the answer. total : bytes, without the head"""
+
+    def __init__(self) -> None:
+        self._buffer = bytearray(1 << 18)
+        self._head = b""
+        self.status: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+        self.total = 0
+        self.lost = False
+
+    def get_buffer(self, sizehint: int) -> bytearray:
+        """Where the next bytes go."""
+        return self._buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """So many have come."""
+        if self.status.done():
+            self.total += nbytes
+            self.received(memoryview(self._buffer)[:nbytes])
+            return
+        self._head += self._buffer[:nbytes]
+        if b"\r\n\r\n" in self._head:
+            head, _, rest = self._head.partition(b"\r\n\r\n")
+            self.status.set_result(int(head.split(b" ", 2)[1]))
+            self.received(memoryview(rest))
+
+    def received(self, data: memoryview) -> None:
+        """For those who count what they drop."""
+
+    def connection_lost(self, problem: Exception | None) -> None:
+        """The server has ended it."""
+        self.lost = True
+        if not self.status.done():
+            self.status.set_result(0)
+
+
+class Listener(Reader):
+    """newest : the last event's number; events : how many; in_order : whether none came after a later one"""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._rest = b""
+        self.newest, self.events, self.in_order = -1, 0, True
+
+    def received(self, data: memoryview) -> None:
+        """Read the numbers of its events."""
+        whole, found, rest = (self._rest + bytes(data)).rpartition(b"\n")
+        self._rest = rest
+        for line in whole.split(b"\n") if found else ():
+            if line.startswith(b"id: "):
+                number = int(line[4:])
+                self.in_order &= number >= self.newest  # the state at the beginning has the newest iteration's number
+                self.newest, self.events = number, self.events + 1
+
+
+def main() -> None:
+    """Connect, do what clients of this kind do, print what was seen."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.load_clients")
+    parser.add_argument("kind", choices=KINDS)
+    parser.add_argument("url")
+    parser.add_argument("sessions", nargs="+")
+    parser.add_argument("--count", type=int, required=True)
+    parser.add_argument("--seconds", type=float, required=True)
+    parser.add_argument("--rate", type=float, required=True)
+    asked = parser.parse_args()
+    act: Callable[[argparse.Namespace], Awaitable[dict[str, Any]]] = {
+        "planners": _plan,
+        "listeners": _listen,
+        "views": _look,
+    }[asked.kind]
+    found = asyncio.run(_measured(act, asked))
+    spent = resource.getrusage(resource.RUSAGE_SELF)
+    print(json.dumps(found | {"processor_seconds": spent.ru_utime + spent.ru_stime}))
+
+
+async def _measured(
+    act: Callable[[argparse.Namespace], Awaitable[dict[str, Any]]], asked: argparse.Namespace
+) -> dict[str, Any]:
+    return await act(asked)
+
+
+async def _plan(asked: argparse.Namespace) -> dict[str, Any]:
+    """Each asks `rate` times a second for an estimate, over one connection."""
+    url = httpx.URL(asked.url)
+    pairs = [await asyncio.open_connection(url.host, url.port) for _ in range(asked.count)]
+    print("connected", flush=True)
+    end = time.perf_counter() + asked.seconds
+    found = await asyncio.gather(
+        *(
+            _ask(pair, url, asked.sessions[number % len(asked.sessions)], number / asked.count, asked.rate, end)
+            for number, pair in enumerate(pairs)
+        )
+    )
+    for _, writer in pairs:
+        writer.close()
+    return {
+        "milliseconds": [1000 * one for taken, _ in found for one in taken],
+        "statuses": sum((statuses for _, statuses in found), Counter[str]()),
+    }
+
+
+async def _ask(
+    pair: tuple[asyncio.StreamReader, asyncio.StreamWriter], url: httpx.URL, session: str, phase: float, rate: float,
+    end: float,
+) -> tuple[list[float], Counter[str]]:  # fmt: skip
+    reader, writer = pair
+    path = f"/api/v1/sessions/{session}/estimate"
+    request = f"GET {path} HTTP/1.1\r\nHost: {url.host}:{url.port}\r\nAccept: application/json\r\n\r\n".encode()
+    taken, statuses = [], Counter[str]()
+    due = time.perf_counter() + phase / rate
+    while due < end:
+        await asyncio.sleep(max(due - time.perf_counter(), 0))
+        start = time.perf_counter()
+        writer.write(request)
+        head = (await reader.readuntil(b"\r\n\r\n")).lower()
+        body = await reader.readexactly(int(head.partition(b"content-length:")[2].split(b"\r\n")[0]))
+        taken.append(time.perf_counter() - start)
+        whole = body.startswith(b'{"schema":') and body.endswith(b"}")
+        statuses[head.split(b" ", 2)[1].decode() + ("" if whole else " without an estimate")] += 1
+        due = max(due + 1 / rate, time.perf_counter())
+    return taken, statuses
+
+
+async def _listen(asked: argparse.Namespace) -> dict[str, Any]:
+    heard = await _opened(asked, Listener, lambda session, _: (f"/api/v1/sessions/{session}/events", ""))
+    return {
+        "events": sum(one.events for one in heard),
+        "in_order": sum(one.in_order for one in heard),
+        "newest": {
+            session: sorted({one.newest for one in heard[number :: len(asked.sessions)]})[::-1][:3]
+            for number, session in enumerate(asked.sessions)
+        },
+        **_told(heard),
+    }
+
+
+async def _look(asked: argparse.Namespace) -> dict[str, Any]:
+    upgrade = (
+        "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+        f"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Protocol: viser-v{viser.__version__}\r\n"
+        f"Origin: {asked.url}\r\n"
+    )
+    seen = await _opened(asked, Reader, lambda session, k: (f"/sessions/{session}/view/load-{k}/", upgrade))
+    return _told(seen)
+
+
+async def _opened(
+    asked: argparse.Namespace, kind: type[Any], target: Callable[[str, int], tuple[str, str]]
+) -> list[Any]:
+    """So many connections, after the time is over. target : path and further headers of the n-th"""
+    url, loop, opened = httpx.URL(asked.url), asyncio.get_running_loop(), []
+    for number in range(asked.count):
+        path, headers = target(asked.sessions[number % len(asked.sessions)], number)
+        transport, protocol = await loop.create_connection(kind, url.host, url.port)
+        head = f"GET {path} HTTP/1.1\r\nHost: {url.host}:{url.port}\r\nAccept: */*\r\n{headers}\r\n"
+        transport.write(head.encode())  # type: ignore[attr-defined]
+        opened.append((transport, protocol))
+    for _, protocol in opened:
+        await protocol.status
+    print("connected", flush=True)
+    await asyncio.sleep(asked.seconds)
+    for transport, protocol in opened:
+        protocol.ended_early = protocol.lost
+        transport.abort()  # type: ignore[attr-defined]
+    return [protocol for _, protocol in opened]
+
+
+def _told(readers: Sequence[Any]) -> dict[str, Any]:
+    return {
+        "statuses": Counter(str(one.status.result()) for one in readers),
+        "ended": sum(one.ended_early and one.status.result() in (101, 200) for one in readers),
+        "megabytes": sum(one.total for one in readers) / 1e6,
+    }
+
+
+if __name__ == "__main__":
+    main()

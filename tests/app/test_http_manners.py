@@ -1,0 +1,109 @@
+"""Does the server do as HTTP has it, where no call of ours says otherwise? HEAD, Allow, entity tags."""
+
+from __future__ import annotations
+
+import socket
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from tests.app.openapi_calls import sample
+from tests.app.raw_http import connect, everything, head
+from tests.app.test_connections import websocket
+from tests.app.upload_calls import detail
+
+
+@pytest.fixture(scope="module")
+def served(serve_for_module: Callable[..., Any]) -> Any:
+    return serve_for_module().ready()
+
+
+@pytest.fixture(scope="module")
+def known(served: Any) -> dict[str, str]:
+    """What the paths of the document can name."""
+    return sample(served.client)()
+
+
+def test_head_is_get_without_a_body(served: Any, known: dict[str, str]) -> None:
+    document = served.client.get("/openapi.json").json()
+    paths = [path for path, operations in document["paths"].items() if "get" in operations]
+    paths += ["/", "/docs", "/openapi.json", "/static/style.css", "/favicon.ico", f"/sessions/{known['session_id']}/"]
+    changing = {"date", "retry-after"}
+    names = defaultdict(lambda: "1", known)
+    for path in paths:
+        place = path.format_map(names)
+        head_alone = served.client.head(place)
+        assert head_alone.content == b"", path
+        with served.client.stream("GET", place) as answer:
+            if not path.endswith("/events"):
+                answer.read()
+            assert head_alone.status_code == answer.status_code, path
+            assert set(head_alone.headers) - changing == set(answer.headers) - changing, path
+
+
+def test_head_of_a_stream_of_events_ends(served: Any, known: dict[str, str]) -> None:
+    with connect(served) as connection:
+        connection.sendall(head("HEAD", f"/api/v1/sessions/{known['session_id']}/events", "Connection: close"))
+        assert everything(connection).endswith(b"\r\n\r\n")
+    while served.app.state.traffic.connected.all:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "allowed"),
+    [
+        ("PUT", "/api/v1/models", "GET, HEAD, POST"),
+        ("PATCH", "/api/v1/models/0123456789abcdef", "DELETE, GET, HEAD"),
+        ("PUT", "/api/v1/sessions/x", "DELETE, GET, HEAD, PATCH"),
+        ("GET", "/api/v1/sessions/x/run", "POST"),
+        ("OPTIONS", "/healthz", "GET, HEAD"),
+        ("POST", "/static/style.css", "GET, HEAD"),
+    ],
+)
+def test_a_wrong_method_is_told_all_the_right_ones(served: Any, method: str, path: str, allowed: str) -> None:
+    answer = served.client.request(method, path)
+    assert detail(answer, 405) == f"'{path}' does not take {method}; it takes {allowed}"
+    assert answer.headers["Allow"] == allowed
+
+
+@pytest.mark.parametrize("path", ["/", "/static/style.css", "/static/start/main.js"])
+def test_a_page_file_that_a_browser_has_is_not_sent_again(served: Any, path: str) -> None:
+    first = served.client.get(path)
+    tag = first.headers["ETag"]
+    for given in (tag, f"W/{tag}", f'"other", {tag}', "*"):
+        again = served.client.get(path, headers={"If-None-Match": given})
+        assert (again.status_code, again.content, again.headers["ETag"]) == (304, b"", tag)
+        assert again.headers["Cache-Control"] == "no-cache"
+    assert served.client.get(path, headers={"If-None-Match": '"other"'}).content == first.content
+
+
+def test_failed_websockets_are_counted_and_not_logged(
+    serve: Callable[..., Any], caplog: pytest.LogCaptureFixture
+) -> None:
+    served = serve(token="secret")
+    right = "Authorization: Bearer secret"
+    cookie = f"Cookie: {served.app.state.page_cookie.name}={served.app.state.page_cookie.value}"
+    tries = (
+        ("401", ("Authorization: Bearer wrong",)),
+        ("401", ()),
+        ("403", (cookie, "Origin: http://example.org")),
+        ("404", (right,)),
+    )
+    for status, lines in tries:
+        with connect(served) as connection:
+            connection.sendall(websocket("/sessions/none/view/a", *lines))
+            assert everything(connection).split()[1] == status.encode()
+    text = served.client.get("/metrics").text
+    for status, count in (("401", 2), ("403", 1), ("404", 1)):
+        assert f'pmpnbp_http_requests_total{{method="WEBSOCKET",status="{status}"}} {count}.0' in text
+    assert [record for record in caplog.records if record.name.startswith(("uvicorn", "pmpnbp"))] == []
+
+
+def test_a_link_can_be_looked_at_first(serve: Callable[..., Any]) -> None:
+    """As those do who show what is behind a link that they are sent."""
+    served = serve(token="secret")
+    with socket.create_connection(("127.0.0.1", served.config.port)) as connection:
+        connection.sendall(head("HEAD", "/?token=secret", "Connection: close"))
+        assert everything(connection).startswith(b"HTTP/1.1 303")

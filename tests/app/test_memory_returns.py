@@ -1,0 +1,69 @@
+"""Does nothing of a closed view, or of a deleted session, stay in memory?"""
+
+from __future__ import annotations
+
+import gc
+import time
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+from tests.app import small_sessions as small
+from tests.app.open_views import drawn, looking, painter, until
+
+
+def alive(references: dict[str, weakref.ref[Any]]) -> list[str]:
+    """The names of what is still there, once what threads that end hold just now had its time to go."""
+    for _ in range(100):
+        gc.collect()
+        left = [name for name, reference in references.items() if reference() is not None]
+        if not left:
+            break
+        time.sleep(small.PATIENCE)
+    return left
+
+
+def test_nothing_of_a_closed_view_stays(serve: Callable[..., Any]) -> None:
+    served = serve().ready()
+    served.app.state.views._linger = 0.0
+    path = small.after(served.client, 2)
+    view = f"{path}/views/closed"
+    with looking(served, view):
+        drawn(served, view, 2)
+        own = painter(served, view)
+        left = {
+            "painter": weakref.ref(own),
+            "view": weakref.ref(own._view),
+            "drawing": weakref.ref(own._drawing),
+            "scene": weakref.ref(own._scene),
+            "stage": weakref.ref(next(iter(own._stages.values()))),
+            "points": weakref.ref(next(iter(own._stages.values())).scans[0]),
+            "viser": weakref.ref(own._view.server),
+        }
+        del own
+    until(lambda: len(served.app.state.views) == 0)
+    assert alive(left) == []
+
+
+def test_nothing_of_a_deleted_session_stays(serve: Callable[..., Any]) -> None:
+    served = serve().ready()
+    path = small.create(served.client)
+    view = f"{path}/views/doomed"
+    with looking(served, view):
+        small.step(served.client, path, 4)
+        drawn(served, view, 4)
+        served.client.get(f"{path}/estimate?iteration=1").raise_for_status()
+        served.client.get(f"{path}/estimate?posterior=true").raise_for_status()
+        session = served.app.state.sessions.get(path.rpartition("/")[2])
+        newest = session.archive.present
+        left = {
+            "session": weakref.ref(session),
+            "archive": weakref.ref(session.archive),
+            "snapshot": weakref.ref(newest),
+            "problem": weakref.ref(newest.problem),
+            "belief": weakref.ref(newest.report.belief),
+            "stage": weakref.ref(next(iter(painter(served, view)._stages.values()))),
+        }
+        del session, newest
+        assert served.client.delete(path).status_code == 204
+    assert alive(left) == []

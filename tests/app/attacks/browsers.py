@@ -17,8 +17,10 @@ from websockets.typing import Subprotocol
 
 from tests.app.attacks.target import Target
 
-# Handshakes at once.
+# Handshakes at once; seconds for each; and how many may have no answer before the rest is not tried.
 AT_ONCE = 10
+PATIENCE = 20.0
+MOST_UNANSWERED = 10
 
 
 class Browsers:
@@ -55,6 +57,9 @@ class Browsers:
 
         async def open_one(number: int, address: str) -> None:
             async with gate:
+                if self.refusals["TimeoutError"] >= MOST_UNANSWERED:
+                    self.refusals["not tried, as others had no answer"] += 1
+                    return
                 connection = await self._open(number, address)
             if connection is not None:
                 self.opened.append(address)
@@ -79,7 +84,7 @@ class Browsers:
                 additional_headers=target.headers,
                 compression=None,
                 max_size=None,
-                open_timeout=60,
+                open_timeout=PATIENCE,
                 close_timeout=1,
                 ping_interval=None,
                 proxy=None,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -55,12 +54,14 @@ _REASONS_OF_THE_SYSTEM = {
     errno.EFBIG: _TOO_LARGE,
     errno.EIO: "its disk fails",
 }
-# SQLite does not tell a file that may not grow from a disk that fails.
+# By SQLite's primary result codes, which its interface fixes; the module that names them takes long to import. SQLite
+# does not tell a file that may not grow from a disk that fails.
+_SQLITE_READONLY, _SQLITE_IOERR, _SQLITE_FULL, _SQLITE_CANTOPEN = 8, 10, 13, 14
 _REASONS_OF_SQLITE = {
-    sqlite3.SQLITE_FULL: _FULL,
-    sqlite3.SQLITE_READONLY: "it is read-only",
-    sqlite3.SQLITE_IOERR: f"its disk fails, or {_TOO_LARGE}",
-    sqlite3.SQLITE_CANTOPEN: "a file cannot be opened to be written",
+    _SQLITE_READONLY: "it is read-only",
+    _SQLITE_IOERR: f"its disk fails, or {_TOO_LARGE}",
+    _SQLITE_FULL: _FULL,
+    _SQLITE_CANTOPEN: "a file cannot be opened to be written",
 }
 
 
@@ -68,9 +69,7 @@ def why_not_written(error: Exception) -> str | None:
     """What `error` of the system or of SQLite says of the place that was written to; None where it is another error."""
     if isinstance(error, OSError):
         return _REASONS_OF_THE_SYSTEM.get(error.errno or 0)
-    if isinstance(error, sqlite3.Error):
-        return _REASONS_OF_SQLITE.get(getattr(error, "sqlite_errorcode", 0) & 0xFF)
-    return None
+    return _REASONS_OF_SQLITE.get(getattr(error, "sqlite_errorcode", 0) & 0xFF)
 
 
 def data_directory_error(reason: str = _FULL) -> StorageError:
@@ -83,7 +82,7 @@ def storage_told() -> Iterator[None]:
     """Around what writes into the data directory: turns the errors of the system and of SQLite into StorageError."""
     try:
         yield
-    except (OSError, sqlite3.Error) as error:
+    except Exception as error:
         reason = why_not_written(error)
         if reason is not None:
             raise data_directory_error(reason) from error

@@ -13,6 +13,7 @@ from typing import Any
 
 from app.store.store import Staging, Store
 from app.uploads.parsers import Parsers
+from pmpnbp.errors import storage_told
 
 
 @dataclass(frozen=True)
@@ -64,9 +65,9 @@ def sample_document(store: Store, parsers: Parsers, scene: str = "open") -> dict
     """
     sample = {known.scene: known for known in SAMPLES}[scene]
     place = Path(str(files("sample_data"))) / sample.place
-    with store.staging() as staging:
+    with storage_told(), store.staging() as staging:
         model_id = _model(store, parsers, staging, place.parent)
-    with store.staging() as staging:
+    with storage_told(), store.staging() as staging:
         scan_id = _scan(store, parsers, staging, place)
     return {
         "name": sample.name,

@@ -78,7 +78,7 @@ class Views:
         """What `keep` gave; the view closes a while after the last."""
         with self._lock:
             view.keepers -= 1
-            if view.keepers == 0 and not self._closed:
+            if view.keepers == 0 and not view.closed:
                 view.last_left = threading.Timer(self._linger, self._drop, (view,))
                 view.last_left.daemon = True
                 view.last_left.start()

@@ -131,7 +131,7 @@ def test_no_recording_takes_the_lists_away(client: httpx.Client, tmp_path: Path,
 
 def test_the_store_adds_no_document_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(PmpnbpError, match="half of a surrogate pair"):
-        atomic_files.create_folder(tmp_path / "partial", tmp_path / "place", {}, "scan.json", {"frame_id": HALF})
+        atomic_files.create_folder(tmp_path / "partial", tmp_path / "place", {}, {"scan.json": {"frame_id": HALF}})
     assert list(tmp_path.iterdir()) == []
 
 

@@ -314,7 +314,7 @@ def test_there_are_only_so_many_views() -> None:
     try:
         views.join(SESSION, "a")
         views.join(SESSION, "b")
-        with pytest.raises(HttpProblem, match="2 views are open") as found:
+        with pytest.raises(HttpProblem, match="2 3D views are open") as found:
             views.join(SESSION, "c")
         assert found.value.status == 429
     finally:

@@ -38,7 +38,7 @@ def attack(target: Target, outcome: Outcome) -> None:
             answer = outcome.answered(f"GET {path}", client.get(f"{session}/{path}"), {200})
             _is_of(outcome, path, answer)
         answer = client.get(f"{session}/posterior/{other}?iteration=0")  # of the search, which has none
-        outcome.answered(f"GET posterior/{other} of the search", answer, {409})
+        outcome.answered(f"GET posterior/{other} of the search", answer, {404})
         outcome.expect(DRAWER in answer.text or "posterior" in answer.text, f"posterior/{other}: {answer.text[:160]}")
         body = {"links": [DRAWER]}
         outcome.answered("POST decision", client.post(f"{session}/decision", json=body), {200})

@@ -34,16 +34,21 @@ RUN cd /opt/venv/lib/python3.11/site-packages \
         markupsafe matplotlib-inline narwhals nbformat nest-asyncio packaging parso pexpect platformdirs plotly \
         prompt-toolkit psutil ptyprocess pure-eval retrying setuptools stack-data traitlets wcwidth werkzeug \
         widgetsnbextension zipp \
-    # what trimesh takes, where it is there, for casting rays, boolean operations and convex parts: 53 MB
-    && /usr/local/bin/python -m pip --python /opt/venv uninstall --quiet --yes embreex manifold3d vhacdx \
+    # what trimesh takes, where it is there, for rays, boolean operations, convex parts, polygons and glTF: 65 MB
+    && /usr/local/bin/python -m pip --python /opt/venv uninstall --quiet --yes \
+        attrs embreex jsonschema jsonschema-specifications manifold3d mapbox-earcut referencing rpds-py rtree shapely \
+        vhacdx \
     # Open3D's window and its lights (42 MB), networks, examples, and operators for TensorFlow and PyTorch (35 MB)
-    && rm -r open3d/resources open3d/_ml3d open3d/examples open3d/open3d_tf_ops.so open3d/open3d_torch_ops.so \
-    # zstandard's second form, for PyPy: 12 MB
-    && rm zstandard/_cffi.*.so \
-    # the packages' own tests: 30 MB
+    && rm -r open3d/resources open3d/_ml3d open3d/examples open3d/open3d_t*_ops.so \
+    # zstandard's second form, for PyPy (12 MB), Pillow's AVIF (5 MB), lxml's way to treat XML as objects (3 MB)
+    && rm zstandard/_cffi.*.so PIL/_avif.*.so pillow.libs/libavif-*.so* lxml/objectify.*.so \
+    # the packages' own tests (30 MB), and what only a compiler or a type checker reads (8 MB)
     && find . -type d -name tests -prune -exec rm -r {} + \
-    # names of functions, for debuggers only: 32 MB
-    && strip --strip-unneeded llvmlite/binding/libllvmlite.so zstandard/backend_c.*.so xxhash/_xxhash.*.so
+    && find . -type f -regex '.*\.\(a\|h\|hpp\|pxd\|pyx\|pyi\)' -delete \
+    # names of functions, for debuggers only: 37 MB. Not of every library: some that were rewritten after they were
+    # linked cannot be loaded any more afterwards, numba's omppool among them
+    && strip --strip-unneeded llvmlite/binding/libllvmlite.so zstandard/backend_c.*.so xxhash/_xxhash.*.so \
+        PIL/_imaging.*.so scipy/io/_fast_matrix_market/_fmm_core.*.so scipy/optimize/_highspy/_core.*.so
 COPY pmpnbp pmpnbp
 COPY app app
 COPY static static
@@ -55,7 +60,7 @@ RUN /usr/local/bin/python -m pip --python /opt/venv install --no-cache-dir --no-
     && cd /opt/venv/lib/python3.11/site-packages \
     && find app benchmarks pmpnbp sample_data -exec touch --date=2020-01-01T00:00:00Z {} + \
     && python -m app.warm_up \
-    && python -c "import app.uploads.parse_worker, app.commands.serve, open3d, pyrender"
+    && python -c "import app.uploads.parse_worker, app.commands.serve, open3d, pyrender, scipy.io, scipy.optimize"
 
 FROM base
 RUN useradd --system --uid 10001 --no-create-home --home-dir /tmp --shell /usr/sbin/nologin pmpnbp \

@@ -7,6 +7,7 @@ makes one estimate without it. Says what it saw, and fails at the first call tha
 
 from __future__ import annotations
 
+import atexit
 import io
 import json
 import os
@@ -65,9 +66,11 @@ def start(data: Path) -> tuple[subprocess.Popen[bytes], httpx.Client]:
     began = time.monotonic()
     command = ["pmpnbp", "serve", "--demo"]
     server = subprocess.Popen(command, env=os.environ | {f"PMPNBP_{name}": value for name, value in given.items()})
+    atexit.register(server.kill)  # where something fails before it is asked to stop
     client = httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=SECONDS, trust_env=False)
     while not answers(client):
         assert server.poll() is None, "the server did not start; its words are above"
+        assert time.monotonic() < began + SECONDS, "the server does not get ready; its words are above"
         time.sleep(0.05)
     said(f"ready after {time.monotonic() - began:.1f} s")
     assert client.get("/api/v1/models").status_code == 401

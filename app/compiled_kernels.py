@@ -18,9 +18,10 @@ from pathlib import Path
 from pmpnbp.errors import SettingError
 
 VARIABLE = "KERNEL_TARGETS"
+CPUINFO = Path("/proc/cpuinfo")
 # What a target takes for granted, in the words of /proc/cpuinfo (x86-64 psABI; "abm" there is LZCNT, "pni" SSE3).
 # "generic" is what every 64-bit ARM has: a processor without its word is none.
-_NEEDS = {
+NEEDS = {
     "x86-64-v3": "avx avx2 bmi1 bmi2 f16c fma abm movbe",
     "x86-64-v2": "cx16 lahf_lm pni popcnt sse4_1 sse4_2 ssse3",
     "generic": "asimd",
@@ -41,10 +42,10 @@ def targets(environment: Mapping[str, str] = os.environ) -> list[str]:
     """Those of KERNEL_TARGETS that this processor fits, in their order. Raises SettingError for an unknown one."""
     named = environment.get(VARIABLE, "").split()
     for name in named:
-        if name not in _NEEDS:
-            raise SettingError(f"{VARIABLE} names '{name}', which is no target; there are {', '.join(_NEEDS)}")
+        if name not in NEEDS:
+            raise SettingError(f"{VARIABLE} names '{name}', which is no target; there are {', '.join(NEEDS)}")
     found = _instructions()
-    return [name for name in named if found.issuperset(_NEEDS[name].split())]
+    return [name for name in named if found.issuperset(NEEDS[name].split())]
 
 
 def for_target(name: str) -> dict[str, str]:
@@ -52,10 +53,10 @@ def for_target(name: str) -> dict[str, str]:
     return {"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": ""}
 
 
-def _instructions(cpuinfo: Path = Path("/proc/cpuinfo")) -> set[str]:
+def _instructions() -> set[str]:
     """What the first processor can do, as Linux tells it; nothing elsewhere."""
-    if cpuinfo.is_file():
-        for line in cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines():
+    if CPUINFO.is_file():
+        for line in CPUINFO.read_text(encoding="utf-8", errors="replace").splitlines():
             name, _, words = line.partition(":")
             if name.strip() in ("flags", "Features"):
                 return set(words.split())

@@ -17,6 +17,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
+from app import compiled_kernels
 from app.server_config import ServerConfig, convert, environment_name
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.settings import SessionOptions
@@ -49,6 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as done:  # --help, --version, and errors: a caller in the same process wants the status
         return done.code if isinstance(done.code, int) else BAD_INPUT
     try:
+        compiled_kernels.choose()
         # imported here: what a command needs takes long to import, and no other command should wait for it
         return importlib.import_module(f"app.commands.{arguments.command}").run(arguments)
     except PmpnbpError as error:

@@ -1,11 +1,14 @@
 """Are the kernels compiled? Runs a tiny estimate through every stage, so that no user's estimate waits for a compiler.
 
 What is compiled stays on disk (`NUMBA_CACHE_DIR`, or beside the source): the first run takes about a minute, one after
-it seconds. `python -m app.warm_up` does it when an image is built; the server does it as it starts.
+it seconds. `python -m app.warm_up` does it when an image is built, for each of the targets that its kernels are meant
+for; the server does it as it starts.
 """
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 import tempfile
 import time
@@ -13,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from app import compiled_kernels
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.inference import problem as problems
@@ -120,5 +124,19 @@ def _scan(model: ArticulatedObject, pose: poses.Array) -> Scan:
     return Scan(camera, np.where(depth > 0, depth, np.float32(2.5)))
 
 
+def main() -> None:
+    """Warm up for each target that is asked for, each in a process of its own; where none is, for this processor."""
+    wanted = [] if "NUMBA_CPU_NAME" in os.environ else compiled_kernels.targets()
+    for target in wanted:
+        environment = os.environ | compiled_kernels.for_target(target)
+        subprocess.run([sys.executable, "-m", "app.warm_up"], env=environment, check=True)
+        # those who read uploads import less than this, and so look for what is compiled in another folder
+        reader = [sys.executable, "-m", "app.uploads.parse_worker", "scans", str(2 << 30), "60"]
+        subprocess.run(reader, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, check=True)
+    if not wanted:
+        name = os.environ.get("NUMBA_CPU_NAME", "this processor")
+        sys.stdout.write(f"kernels for {name} ready after {run():.1f} s\n")
+
+
 if __name__ == "__main__":
-    sys.stdout.write(f"kernels ready after {run():.1f} s\n")
+    main()

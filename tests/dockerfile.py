@@ -1,4 +1,4 @@
-"""What does a Dockerfile say? Its instructions, for the tests that read them and the script that carries them out."""
+"""What does a Dockerfile say? Its instructions, for the tests that read them."""
 
 from __future__ import annotations
 

@@ -6,13 +6,20 @@ import fnmatch
 import json
 import re
 import shlex
+import shutil
+import subprocess
+import tomllib
 from dataclasses import fields
+from importlib.metadata import requires
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
+from app import compiled_kernels
 from app.server_config import ServerConfig, config_from, environment_name
 from tests import dockerfile
 
@@ -178,6 +185,54 @@ def test_commands_are_lists_that_run_what_there_is(repository: Path, stages: lis
         assert (repository / (module.replace(".", "/") + ".py")).is_file()
 
 
+def test_kernels_are_compiled_for_processors_that_the_builder_does_not_know(
+    environment: dict[str, str], stages: list[list[tuple[str, str]]]
+) -> None:
+    """For the common ones, the better one first; by the environment that the server starts with, too."""
+    named = environment[compiled_kernels.VARIABLE].split()
+    assert named == ["x86-64-v3", "x86-64-v2", "generic"]
+    assert set(named) == set(compiled_kernels.NEEDS)
+    assert not {"NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"} & set(environment)
+    assert any(name == "ENV" and compiled_kernels.VARIABLE in rest for name, rest in stages[0])
+    assert any("python -m app.warm_up" in rest for name, rest in stages[1] if name == "RUN")
+
+
+def test_packages_that_are_left_out_are_needed_by_nothing_that_stays(
+    repository: Path, stages: list[list[tuple[str, str]]]
+) -> None:
+    """But by Open3D, whose plots are taken out of it, and by trimesh, which says itself that it can do without."""
+    run = " ".join(rest for name, rest in stages[1] if name == "RUN")
+    lists = re.findall(r"uninstall --quiet --yes ([^&]*)", run)
+    left_out = {canonicalize_name(name) for names in lists for name in names.split()}
+    assert {"dash", "plotly", "embreex"} <= left_out
+    assert "sed -i /draw_plotly/d open3d/visualization/__init__.py" in run
+    project = tomllib.loads((repository / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    needed: set[str] = set()
+    waiting = [Requirement(text) for text in project["dependencies"]]
+    while waiting:
+        requirement = waiting.pop()
+        name = canonicalize_name(requirement.name)
+        there = requirement.marker is None or requirement.marker.evaluate({"extra": ""})
+        if there and name not in needed:
+            needed.add(name)
+            waiting += [Requirement(text) for text in requires(name) or [] if not name.startswith("open3d")]
+    assert len(needed) > 30
+    assert not needed & left_out
+
+
+@pytest.mark.skipif(shutil.which("shellcheck") is None, reason="shellcheck is not installed")
+def test_the_script_that_builds_it_is_clean(repository: Path) -> None:
+    script = repository / "docs" / "deployment" / "build_image"
+    assert subprocess.run(["shellcheck", script], stdout=subprocess.PIPE, text=True).stdout == ""
+
+
+def test_the_script_finds_its_base_in_the_dockerfile(repository: Path) -> None:
+    script = (repository / "docs" / "deployment" / "build_image").read_text(encoding="utf-8")
+    assert r"s/^FROM \(python:[^ ]*\) AS base$/\1/p" in script
+    lines = (repository / "Dockerfile").read_text(encoding="utf-8").splitlines()
+    assert len([line for line in lines if re.fullmatch(r"FROM python:[^ ]* AS base", line)]) == 1
+
+
 def test_the_proxy_is_the_one_way_in(repository: Path) -> None:
     folder = repository / "docs" / "deployment"
     compose = yaml.safe_load((folder / "compose.yaml").read_text(encoding="utf-8"))
@@ -185,6 +240,7 @@ def test_the_proxy_is_the_one_way_in(repository: Path) -> None:
     assert set(compose["services"]) == {"pmpnbp", "proxy"}
     assert (folder / server["build"]).resolve() == repository
     assert "ports" not in server
+    assert (server["read_only"], server["tmpfs"]) == (True, ["/tmp"])
     assert proxy["ports"] == ["443:443"]
     assert compose["networks"]["inside"] == {"internal": True}
     assert server["networks"] == ["inside"]

@@ -43,7 +43,7 @@ def test_the_baseline_sets_every_dispatch_back(repository: Path) -> None:
     done = subprocess.run(program, cwd=repository, capture_output=True, text=True, check=True)
     said = done.stdout.splitlines()
     if X86:
-        assert said[-1] == f"{BASELINE}|[]|nehalem|Nehalem|False"
+        assert said[-1] == f"{BASELINE}|[]|x86-64-v2|Nehalem|False"
     else:
         assert said == [f"{platform.machine()} has no older instruction set to go back to: no second pass"]
 
@@ -51,7 +51,7 @@ def test_the_baseline_sets_every_dispatch_back(repository: Path) -> None:
 def test_this_pass_is_under_the_set_that_it_names() -> None:
     if instruction_sets.current() == BASELINE:
         assert (instruction_sets.numpy_features(), instruction_sets.blas_core()) == ([], "Nehalem")
-        assert instruction_sets.numba_processor() == "nehalem"
+        assert instruction_sets.numba_processor() == "x86-64-v2"
         assert os.environ["NUMBA_CACHE_DIR"].endswith("baseline_kernels")
     else:
         assert instruction_sets.current() == OWN

@@ -38,6 +38,10 @@ class ViewStatus(ViewState):
 
     drawn: DrawnScene | None = Field(description="null where nothing was drawn yet")
     clients: int = Field(description="browsers that show the scene")
+    told: int = Field(
+        description="counts what was told of this view, as answers and events; of two, the higher is the newer, "
+        "whichever came first; begins again where the view was forgotten"
+    )
     error: str | None = Field(description="one sentence, where the state cannot be drawn; the scene stays as it was")
     slowed: str | None = Field(
         description="one sentence, where so many views are looked at that this one is drawn less often while its "
@@ -68,6 +72,7 @@ class View:
     def __post_init__(self) -> None:
         self._lock = threading.Lock()
         self._state = ViewState()
+        self._told = 0
         self._listeners: dict[object, Callable[[str], None]] = {}
         self._opened: tuple[viser.ViserServer, str] | None = None
         self.closed = False
@@ -103,12 +108,15 @@ class View:
 
     def answer(self) -> dict[str, Any]:
         """The state as REST shows it, with what was drawn and how many look."""
-        return self._state.model_dump() | {
-            "drawn": self.drawn_members(),
-            "clients": self.clients,
-            "error": self.error,
-            "slowed": self.slowed,
-        }
+        with self._lock:
+            self._told += 1
+            return self._state.model_dump() | {
+                "drawn": self.drawn_members(),
+                "clients": self.clients,
+                "told": self._told,
+                "error": self.error,
+                "slowed": self.slowed,
+            }
 
     def drawn_members(self) -> dict[str, Any] | None:
         """What was drawn last, as REST shows it."""

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from tests.app import small_sessions as small
 from tests.browser.conftest import PATIENCE, Troubles, pixels
@@ -77,9 +77,33 @@ def test_why_a_particle_weighs_what_it_does(page: Page, served: Served, session:
 def test_a_particle_chosen_by_a_program_is_explained(page: Page, served: Served, session: str) -> None:
     opened(page, served, session)
     name = (page.locator("#scene").get_attribute("src") or "").split("/")[4]
-    served.client.patch(f"{session}/views/{name}", json={"part": "drawer3", "particle": 7})
+    changed = served.client.patch(f"{session}/views/{name}", json={"part": "drawer3", "particle": 7})
+    assert changed.status_code == 200, changed.text
     expect(page.get_by_role("tab", name="Why")).to_have_attribute("aria-selected", "true")
     expect(page.get_by_role("heading", name="drawer3, particle 7")).to_be_visible()
+
+
+def test_an_answer_that_an_event_overtook_changes_nothing(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    name = (page.locator("#scene").get_attribute("src") or "").split("/")[4]
+    seen = page.get_by_role("heading", name="drawer3, particle 7")
+    held: list[Route] = []
+
+    def hold(route: Route) -> None:
+        """Keep the answer to the page's own change back until the page has heard of a later one."""
+        answer = route.fetch()
+        if not held:
+            served.client.patch(f"{session}/views/{name}", json={"part": "drawer3", "particle": 7}).raise_for_status()
+            expect(seen).to_be_visible()
+            held.append(route)
+        route.fulfill(response=answer)
+
+    page.route(f"**/views/{name}", hold)
+    page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")  # the page says whether it is hidden
+    wait(page, lambda: bool(held))
+    page.wait_for_timeout(300)
+    expect(seen).to_be_visible()
+    assert view(page, served)["particle"] == 7
 
 
 def test_what_sensor_and_model_have_wrong(page: Page, served: Served) -> None:

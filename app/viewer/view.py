@@ -38,8 +38,8 @@ class ViewStatus(ViewState):
 
     drawn: DrawnScene | None = Field(description="null where nothing was drawn yet")
     clients: int = Field(description="browsers that show the scene")
-    told: int = Field(
-        description="counts what was told of this view, as answers and events; of two, the higher is the newer, "
+    revision: int = Field(
+        description="counts the changes of what is told here; of an answer and an event, the higher is the newer, "
         "whichever came first; begins again where the view was forgotten"
     )
     error: str | None = Field(description="one sentence, where the state cannot be drawn; the scene stays as it was")
@@ -72,7 +72,8 @@ class View:
     def __post_init__(self) -> None:
         self._lock = threading.Lock()
         self._state = ViewState()
-        self._told = 0
+        self._revision = 0
+        self._told: dict[str, Any] = {}
         self._listeners: dict[object, Callable[[str], None]] = {}
         self._opened: tuple[viser.ViserServer, str] | None = None
         self.closed = False
@@ -109,14 +110,16 @@ class View:
     def answer(self) -> dict[str, Any]:
         """The state as REST shows it, with what was drawn and how many look."""
         with self._lock:
-            self._told += 1
-            return self._state.model_dump() | {
+            told = self._state.model_dump() | {
                 "drawn": self.drawn_members(),
                 "clients": self.clients,
-                "told": self._told,
                 "error": self.error,
                 "slowed": self.slowed,
             }
+            if told != self._told:
+                self._told = told
+                self._revision += 1
+            return told | {"revision": self._revision}
 
     def drawn_members(self) -> dict[str, Any] | None:
         """What was drawn last, as REST shows it."""

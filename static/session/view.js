@@ -8,7 +8,7 @@ let declared = {}; // the members of a view's state, as a JSON schema
 let queued = {};
 let sent = null; // on its way
 let closeEvents = null;
-let told = 0; // the number of the newest that was applied
+let revision = 0; // of the newest answer or event that was applied
 
 const path = () => `${sessionPath(state.id)}/views/${state.viewId}`;
 
@@ -43,7 +43,7 @@ export async function openView(first) {
     { view: applyAnswer },
     {
       opened: () => {
-        told = 0; // a view that was forgotten counts anew
+        revision = 0; // a view that was forgotten counts anew
         if (before) sendAll(); // the server may have forgotten the view, as after its restart, or had no room for it
         before = true;
       },
@@ -85,8 +85,8 @@ async function send() {
 
 // What the server says holds, but for what it has not been told yet.
 function applyAnswer(view) {
-  if (view.told < told) return; // an event overtook the answer on its way
-  told = view.told ?? told;
+  if (view.revision < revision) return; // an event overtook the answer on its way
+  revision = view.revision ?? revision;
   const known = { ...view };
   for (const name of Object.keys({ ...sent, ...queued })) delete known[name];
   Object.assign(state.view, known);

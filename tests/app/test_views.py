@@ -47,7 +47,7 @@ def test_a_change_is_merged_and_kept(served: Any, path: str) -> None:
     changed = state(served, view, iteration=3, show={"axes": True}, part="drawer2", particle=7, theme="dark")
     assert changed["show"]["axes"] and changed["show"]["scan"] and changed["particle"] == 7
     again = state(served, view, confidence=0.5)
-    assert again == changed | {"confidence": 0.5} == state(served, view)
+    assert again == changed | {"confidence": 0.5, "revision": 2} == state(served, view)
     assert state(served, f"{path}/views/other")["iteration"] is None  # each view has its own
     assert state(served, view, iteration=None)["iteration"] is None
 

@@ -15,6 +15,7 @@ from app.problems import HttpProblem
 from app.server_config import ServerConfig
 from app.sessions.document import Document, prepare
 from app.sessions.memory_room import MemoryRoom
+from app.sessions.open_recordings import OpenRecordings
 from app.sessions.run_queue import RunQueue
 from app.sessions.sample import NAME, sample_document
 from app.sessions.session import RECORDING, Session
@@ -44,8 +45,7 @@ class Sessions:
         share_interpreter()
         self._lock = threading.Lock()
         self._sessions: dict[str, Session] = {}
-        self._opening = threading.Lock()
-        self._recorded: dict[str, UploadedRecording] = {}
+        self._recordings = OpenRecordings(store)
         self._coming = 0
         self._closed = False
 
@@ -93,7 +93,7 @@ class Sessions:
 
     def at_hand(self, id: str) -> Source | None:
         """What `get` gives, where that needs no reading; else None."""
-        return self._sessions.get(id) or self._recorded.get(id)
+        return self._sessions.get(id) or self._recordings.at_hand(id)
 
     def get(self, id: str) -> Source:
         """A session, or an uploaded recording as one. HttpProblem 404."""
@@ -102,7 +102,7 @@ class Sessions:
             count = len(self._sessions)
         if session is not None:
             return session
-        recorded = self._open(id)
+        recorded = self._recordings.get(id)
         if recorded is None:
             there = "there is 1 session" if count == 1 else f"there are {count} sessions"
             raise HttpProblem(404, f"session '{id:.40}' is not here; {there}")
@@ -118,10 +118,7 @@ class Sessions:
 
     def forget_recording(self, id: str) -> None:
         """An uploaded recording is no longer there: end its event streams."""
-        with self._opening:
-            recorded = self._recorded.pop(id, None)
-        if recorded is not None:
-            recorded.close()
+        self._recordings.forget(id)
 
     def list(self) -> list[dict[str, Any]]:
         """What REST shows of each session, oldest first."""
@@ -144,9 +141,7 @@ class Sessions:
         with self._lock:
             self._closed = True
             sessions = [*self._sessions.values()]
-        with self._opening:
-            for recorded in self._recorded.values():
-                recorded.close()
+        self._recordings.close()
         threads = [threading.Thread(target=session.close) for session in sessions]
         for thread in threads:
             thread.start()
@@ -171,19 +166,6 @@ class Sessions:
     def sample(self, scene: str, parsers: Parsers) -> Session:
         """A new session at iteration 0 that looks at a scene of `sample.SAMPLES`."""
         return self.create(sample_document(self._store, parsers, scene))
-
-    def _open(self, id: str) -> UploadedRecording | None:
-        """The recording of that id, opened where it is not yet; None where it is not in the store."""
-        with self._opening:
-            found = self._recorded.get(id)
-            if found is None and not self._closed:
-                try:
-                    path, document = self._store.file("recordings", id), self._store.document("recordings", id)
-                    found = UploadedRecording(id, path, document)
-                except HttpProblem:
-                    return None
-                self._recorded[id] = found
-            return found
 
     def _create(self, document: Document, call: Call | None) -> Session:
         problem, inputs = prepare(self._store, document)

@@ -61,19 +61,19 @@ class UploadedRecording(Source):
         return {
             "id": self.id,
             "kind": self.kind,
-            "name": PurePath(str(self._document["file_name"])).stem,
+            "name": PurePath(self._document.get("file_name", "")).stem,
             "view_url": f"/sessions/{self.id}/",
             **self.progress(),
             "model_id": None,
             "scan_ids": [],
-            "method": self._document["method"],
-            "particles": self._document["particles"],
-            "seed": self._document["seed"],
+            "method": self._document.get("method"),
+            "particles": self._document.get("particles"),
+            "seed": self._document.get("seed"),
             "roi": None if inputs is None or inputs.roi is None else inputs.roi.tolist(),
             "prior": None if inputs is None else without_nan(_prior_members(inputs.prior)),
             "config": {} if inputs is None else without_nan(asdict(inputs.settings)),
             "max_std": SessionOptions.max_std,
-            "created": self._document["created"],
+            "created": self._document.get("created"),
         }
 
     def progress(self) -> dict[str, Any]:

@@ -35,6 +35,7 @@ from app.problems import HttpProblem
 from app.store import atomic_files
 from app.store.disk_room import DiskRoom, folder_size
 from app.store.idempotency import ANSWER, Call, IdempotencyKeys
+from app.store.stored_documents import is_sound
 from app.store.stored_scan import read_scan
 from pmpnbp.errors import PmpnbpError, storage_told
 from pmpnbp.scene.observation import Scan
@@ -97,7 +98,7 @@ class Store:
         answers: list[Path] = []
         for kind, noun in KINDS.items():
             places = [place for place in (root / kind).iterdir() if _ID.fullmatch(place.name) and place.is_dir()]
-            read = {place.name: atomic_files.read_json(place / f"{noun}.json") for place in places}
+            read = {place.name: _whole(place / f"{noun}.json") for place in places}
             self._documents[kind] = dict(sorted(read.items(), key=lambda entry: _created(entry[1])))
             if kind != "sessions":
                 self._room.entry(sum(folder_size(place) for place in places))
@@ -235,7 +236,7 @@ class Store:
 
     def file(self, kind: Kind, id: str) -> Path:
         """An entry's file, to read only. HttpProblem 404."""
-        file = self.root / kind / id / str(self.document(kind, id)["file"])
+        file = self.root / kind / id / str(self.document(kind, id).get("file", "file"))
         if not file.is_file():
             raise HttpProblem(404, f"{KINDS[kind]} '{id}' is damaged: its {file.name} is gone")
         return file
@@ -313,6 +314,11 @@ def _uses(document: Mapping[str, Any] | None, kind: Kind) -> set[str]:
         return {document["model_id"]} if document.get("model_id") else set()
     added = [change.get("scan_id") for change in document.get("changes") or ()]
     return {id for id in (*(document.get("scan_ids") or ()), *added) if id}
+
+
+def _whole(path: Path) -> Document | None:
+    document = atomic_files.read_json(path)
+    return document if document is not None and is_sound(document) else None
 
 
 def _created(document: Document | None) -> str:

@@ -26,8 +26,8 @@ from benchmarks.trials import Case, timed, warm_kernels
 from pmpnbp.errors import ScanError
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.readout.estimate import place
 from pmpnbp.readout.mixture import of_estimate
+from pmpnbp.readout.placement import place
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.scene.urdf import load_model
 from pmpnbp.settings import SessionOptions, Settings, changed

@@ -1,7 +1,7 @@
 """Clients that load a server: planners, event listeners and 3D views, each kind in a process of its own.
 
-They use plain sockets and look into as little as they must, so that they take little of the cores which they share with
-the server. `start` starts them; the process prints `connected`, and as its last line what it saw, as JSON.
+They look into as little as they must, so that they take little of the cores which they share with the server.
+`start` starts them; the process prints `connected`, and as its last line what it saw, as JSON.
 """
 
 from __future__ import annotations
@@ -15,10 +15,14 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 import httpx
 import viser
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.typing import Origin, Subprotocol
 
 from benchmarks.trials import PROJECT
 
@@ -53,7 +57,7 @@ class Reader(asyncio.BufferedProtocol):
         self._head = b""
         self.status: asyncio.Future[int] = asyncio.get_running_loop().create_future()
         self.total = 0
-        self.lost = False
+        self.lost = self.ended_early = False
 
     def get_buffer(self, sizehint: int) -> bytearray:
         """Where the next bytes go."""
@@ -169,7 +173,7 @@ async def _ask(
 
 
 async def _listen(asked: argparse.Namespace) -> dict[str, Any]:
-    heard = await _opened(asked, Listener, lambda session, _: (f"/api/v1/sessions/{session}/events", ""))
+    heard = await _opened(asked)
     return {
         "events": sum(one.events for one in heard),
         "in_order": sum(one.in_order for one in heard),
@@ -182,37 +186,64 @@ async def _listen(asked: argparse.Namespace) -> dict[str, Any]:
 
 
 async def _look(asked: argparse.Namespace) -> dict[str, Any]:
-    upgrade = (
-        "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-        f"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Protocol: viser-v{viser.__version__}\r\n"
-        f"Origin: {asked.url}\r\n"
-    )
-    seen = await _opened(asked, Reader, lambda session, k: (f"/sessions/{session}/view/load-{k}/", upgrade))
-    return _told(seen)
+    """Views read what they are sent, and answer pings, as a browser does."""
+    opened = await asyncio.gather(*(_view(asked, number) for number in range(asked.count)))
+    views = [view for view in opened if isinstance(view, ClientConnection)]
+    received = [0] * len(views)
 
+    async def read(number: int) -> None:
+        with suppress(ConnectionClosed):
+            async for message in views[number]:
+                received[number] += len(message)
 
-async def _opened(
-    asked: argparse.Namespace, kind: type[Any], target: Callable[[str, int], tuple[str, str]]
-) -> list[Any]:
-    """So many connections, after the time is over. target : path and further headers of the n-th"""
-    url, loop, opened = httpx.URL(asked.url), asyncio.get_running_loop(), []
-    for number in range(asked.count):
-        path, headers = target(asked.sessions[number % len(asked.sessions)], number)
-        transport, protocol = await loop.create_connection(kind, url.host, url.port)
-        head = f"GET {path} HTTP/1.1\r\nHost: {url.host}:{url.port}\r\nAccept: */*\r\n{headers}\r\n"
-        transport.write(head.encode())  # type: ignore[attr-defined]
-        opened.append((transport, protocol))
-    for _, protocol in opened:
-        await protocol.status
+    reading = [asyncio.create_task(read(number)) for number in range(len(views))]
     print("connected", flush=True)
     await asyncio.sleep(asked.seconds)
-    for transport, protocol in opened:
-        protocol.ended_early = protocol.lost
-        transport.abort()  # type: ignore[attr-defined]
-    return [protocol for _, protocol in opened]
+    ended = sum(task.done() for task in reading)
+    for view in views:
+        view.transport.abort()
+    await asyncio.gather(*reading)
+    statuses = Counter("101" if isinstance(view, ClientConnection) else view for view in opened)
+    return {"statuses": statuses, "ended": ended, "megabytes": sum(received) / 1e6}
 
 
-def _told(readers: Sequence[Any]) -> dict[str, Any]:
+async def _view(asked: argparse.Namespace, number: int) -> ClientConnection | str:
+    """An open view, or the status that it was refused with."""
+    session = asked.sessions[number % len(asked.sessions)]
+    try:
+        return await connect(
+            f"{asked.url.replace('http', 'ws', 1)}/sessions/{session}/view/load-{number}/",
+            subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
+            origin=Origin(asked.url),
+            compression=None,
+            max_size=None,
+            open_timeout=60,
+            ping_interval=None,
+            proxy=None,
+        )
+    except InvalidStatus as refused:
+        return str(refused.response.status_code)
+
+
+async def _opened(asked: argparse.Namespace) -> list[Listener]:
+    """So many listeners, after the time is over."""
+    url, loop, opened = httpx.URL(asked.url), asyncio.get_running_loop(), []
+    for number in range(asked.count):
+        path = f"/api/v1/sessions/{asked.sessions[number % len(asked.sessions)]}/events"
+        transport, listener = await loop.create_connection(Listener, url.host, url.port)
+        transport.write(f"GET {path} HTTP/1.1\r\nHost: {url.host}:{url.port}\r\nAccept: */*\r\n\r\n".encode())
+        opened.append((transport, listener))
+    for _, listener in opened:
+        await listener.status
+    print("connected", flush=True)
+    await asyncio.sleep(asked.seconds)
+    for transport, listener in opened:
+        listener.ended_early = listener.lost
+        transport.abort()
+    return [listener for _, listener in opened]
+
+
+def _told(readers: Sequence[Listener]) -> dict[str, Any]:
     return {
         "statuses": Counter(str(one.status.result()) for one in readers),
         "ended": sum(one.ended_early and one.status.result() in (101, 200) for one in readers),

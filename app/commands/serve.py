@@ -20,6 +20,7 @@ from fastapi import FastAPI
 
 from app.http import descriptors
 from app.http.protocols import HttpProtocol, WebsocketProtocol
+from app.memory import keep_for_good
 from app.server_config import ServerConfig, config_from
 from pmpnbp.errors import PmpnbpError
 
@@ -95,6 +96,7 @@ def serve(config: ServerConfig, level: int, opened: Callable[[FastAPI, ServerCon
     from app.server import close_all, create_app, open_all  # seconds of imports: bad settings are said before
 
     app = create_app(config)
+    keep_for_good()
     # uvicorn raises the signal that stopped it once more when it is done, by then for this handler
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:

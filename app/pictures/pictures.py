@@ -26,7 +26,7 @@ from app.pictures.part_images import NOTHING, PartImage, PartImages
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.potentials.pixel_kinds import in_front
-from pmpnbp.readout.estimate import VISIBLE_TOLERANCE
+from pmpnbp.readout.placement import VISIBLE_TOLERANCE
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.observation import Scan
 

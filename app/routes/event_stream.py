@@ -8,8 +8,12 @@ sent in one piece.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterator
+import math
+import threading
+import weakref
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import islice
 
 from fastapi.responses import StreamingResponse
 
@@ -20,6 +24,9 @@ MEDIA_TYPE = "text/event-stream"
 RETRY = b"retry: 1000\n\n"
 # What a stream says, where it has said nothing for so many seconds, so that nobody on the way takes it for dead.
 IDLE_SECONDS, IDLE = 15.0, b": ping\n\n"
+# News go to so many listeners at a time, with so many seconds in between; to more at a time where there are so many
+# listeners that one would wait longer than this.
+AT_ONCE, PAUSE, SECONDS_AT_MOST = 5, 0.03, 0.5
 
 _STRING = {"type": "string"}
 _EVENT = {"data": _STRING, "event": _STRING, "id": _STRING, "retry": {"type": "integer", "minimum": 0}}
@@ -41,8 +48,8 @@ class News:
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
+        self._post = _posts.setdefault(self._loop, _Post(self._loop))
         self._words: list[str] = []
-        self._told = False
         self._waiting: asyncio.Future[None] | None = None
 
     async def words(self, seconds: float = IDLE_SECONDS) -> list[str]:
@@ -60,18 +67,59 @@ class News:
 
     def tell(self, *words: str) -> None:
         """Wake who waits; from any thread, returns at once."""
-        if not words:
-            words = ("",)
-        with suppress(RuntimeError):  # the loop has ended, and the stream with it
-            self._loop.call_soon_threadsafe(self._take, words)
+        self._post.hand_in(self, words or ("",))
 
-    def _take(self, words: tuple[str, ...]) -> None:
+    def take(self, words: Iterable[str]) -> None:
+        """What `tell` was told, in the event loop."""
         self._words.extend(words)
         self._wake()
 
     def _wake(self) -> None:
         if self._waiting is not None and not self._waiting.done():
             self._waiting.set_result(None)
+
+
+class _Post:
+    """Brings what is told to the event loop: to a few listeners at a time, those that wait longest first, so that what
+    else the loop has to do comes in between, and to many less often, as that takes time from the inference."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._lock = threading.Lock()
+        # of each listener its words, each once, in the order that they came in
+        self._words: dict[News, dict[str, None]] = {}
+        self._on_its_way = False
+        self._next = -math.inf
+
+    def hand_in(self, news: News, words: Iterable[str]) -> None:
+        """Words for a listener; from any thread, returns at once."""
+        with self._lock:
+            self._words.setdefault(news, {}).update(dict.fromkeys(words))
+            if self._on_its_way:
+                return
+            self._on_its_way = True
+        with suppress(RuntimeError):  # the loop has ended, and the streams with it
+            self._loop.call_soon_threadsafe(self._set_off)
+
+    def _set_off(self) -> None:
+        if self._next > self._loop.time():
+            self._loop.call_at(self._next, self._deliver)
+        else:
+            self._deliver()
+
+    def _deliver(self) -> None:
+        with self._lock:
+            count = max(AT_ONCE, math.ceil(len(self._words) * PAUSE / SECONDS_AT_MOST))
+            taken = [(news, self._words.pop(news)) for news in [*islice(self._words, count)]]
+            self._on_its_way = bool(self._words)
+        self._next = self._loop.time() + PAUSE
+        if self._on_its_way:
+            self._loop.call_at(self._next, self._deliver)
+        for news, words in taken:
+            news.take(words)
+
+
+_posts: weakref.WeakKeyDictionary[asyncio.AbstractEventLoop, _Post] = weakref.WeakKeyDictionary()
 
 
 @contextmanager

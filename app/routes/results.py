@@ -75,6 +75,7 @@ async def get_estimate(
     tail = json_bytes({"session_id": session.id, "state": session.state})
     if posterior:
         snapshot = await read_out(request, session, snapshot)
+    snapshot.asked.set()
     text = snapshot.known_text
     if text is None:
         text = await anyio.to_thread.run_sync(_result_text, snapshot)

@@ -78,7 +78,7 @@ class RecordedInference:
         except GaveWay:
             return False
         self._step, self._newest = following, newest
-        if before.known_text is not None:
+        if before.asked.is_set():
             _ = self._newest.result_text  # who asked for the one before will ask for this one, and need not wait
         self._archive.add(self._step, self._newest, partial(self._announce, self._newest))
         self._elapsed += time.perf_counter() - began
@@ -104,4 +104,5 @@ class RecordedInference:
             elapsed=elapsed,
             event=self._number(),
             posterior=posterior,
+            before=before,
         )

@@ -7,53 +7,51 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import Field, TypeAdapter, ValidationError, with_config
-from typing_extensions import TypedDict  # pydantic asks for this one before Python 3.12
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pmpnbp.inference.arrival import ScanMode
 from pmpnbp.settings import Method
 
 
-@with_config(strict=True)
-class _Change(TypedDict, total=False):
+class _Change(BaseModel):
+    model_config = ConfigDict(strict=True)
+
     after_iteration: int
-    config: dict[str, Any] | None
-    scan_id: str | None
-    mode: ScanMode
+    config: dict[str, Any] | None = None
+    scan_id: str | None = None
+    mode: ScanMode = "joins"
 
 
-@with_config(strict=True)
-class _Stored(TypedDict, total=False):
-    id: str
-    created: str
+class _Stored(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+    id: str = ""
+    created: str = ""
     # of an upload
-    file: str
-    file_name: str
+    file: str = ""
+    file_name: str = ""
     # of a recording, and of a session
-    method: Method
-    particles: int
-    seed: int
+    method: Method = "pmpnbp"
+    particles: int = 0
+    seed: int = 0
     # of a session
-    name: str | None
-    model_id: str
-    scan_ids: list[str]
-    iterations: int | None
-    roi: list[float] | None
-    prior: dict[str, Any] | None
-    config: dict[str, Any] | None
-    max_std: float | None
-    truth: dict[str, Any] | None
-    changes: list[_Change] | None
-    events: Annotated[int, Field(ge=1)]
-
-
-_STORED = TypeAdapter(_Stored)
+    name: str | None = None
+    model_id: str = ""
+    scan_ids: list[str] = []
+    iterations: int | None = None
+    roi: list[float] | None = None
+    prior: dict[str, Any] | None = None
+    config: dict[str, Any] | None = None
+    max_std: float | None = None
+    truth: dict[str, Any] | None = None
+    changes: list[_Change] | None = None
+    events: Annotated[int, Field(ge=1)] = 1
 
 
 def is_sound(document: dict[str, Any]) -> bool:
     """Whether every member of a model's, scan's, recording's or session's document is of its kind."""
     try:
-        _STORED.validate_python(document)
+        _Stored.model_validate(document)
     except ValidationError:
         return False
     return True

@@ -38,6 +38,9 @@ from pmpnbp.readout.view_planning import PlannedView
 
 # Pictures a second, at most; and the same of a running session where the processor draws them, or where too many look.
 RATE, ECONOMY_RATE = 12.0, 0.5
+# The newest iteration of a running session stands for the newest one to all views for this share of the time from one
+# picture to the next, and for so many seconds at most: less than all of it, so that the next picture is of another one.
+SHARED, SHARED_AT_MOST = 0.84, 0.4
 # Stages kept: of the session, of the one it is compared with, and of one of them before a change.
 STAGES = 3
 
@@ -54,6 +57,8 @@ class Painter:
         self._find = find
         self._scenery = scenery
         self._wake = threading.Event()
+        # set where nothing has to be spared any more: a thread that is woken takes the interpreter from others
+        self._at_once = threading.Event()
         self._painting = threading.Lock()
         self._drawing: Drawing | None = None
         # what it holds of the scenery
@@ -65,13 +70,14 @@ class Painter:
         self._behind = False
         self._theme: str | None = None
         self.camera = Camera(self._wake.set, self._moved)
-        self._ends = [source.events.listen(self._wake.set), view.listen(self._happened)]
+        self._ends = [source.events.listen(self._come), view.listen(self._happened)]
         self._thread = threading.Thread(target=self._run, name=f"view-{view.view_id}", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """End the thread, after what it draws just now."""
         self._wake.set()
+        self._at_once.set()
         if threading.current_thread() is not self._thread:
             self._thread.join()
 
@@ -90,9 +96,11 @@ class Painter:
             if self._over():
                 break
             self._wake.clear()
+            self._at_once.clear()
             while (wait := last + 1 / self._rate() - time.monotonic()) > 0 and not self._over():
-                self._wake.wait(wait)  # woken when the session comes to rest, after which nothing has to be spared
-                self._wake.clear()
+                self._at_once.wait(wait)
+                self._at_once.clear()
+            self._wake.clear()
             self.camera.tend()
             if self._view.clients == 0 or self._view.state.hidden:
                 continue
@@ -117,25 +125,36 @@ class Painter:
             end()
 
     def _rate(self) -> float:
+        if self._source.idle:
+            return RATE
         spare = self._view.state.economy or self._view.slowed is not None
-        return ECONOMY_RATE if spare and not self._source.idle else RATE
+        return ECONOMY_RATE if spare else min(RATE, self._view.pace)
 
     def _over(self) -> bool:
         return self._view.closed
 
+    def _come(self) -> None:
+        """There is an iteration, or another state of the session."""
+        self._wake.set()
+        if self._source.idle:
+            self._at_once.set()
+
     def _happened(self, what: str) -> None:
         if what != "drawn":
             self._wake.set()
+        if what == "closed":
+            self._at_once.set()
 
     def _paint(self, state: ViewState) -> bool:
         """Draw what is to be seen now, unless that is what was drawn last; whether anything was drawn."""
-        snapshot = self._scenery.snapshot(self._source, state.iteration)
+        newest_for = min(SHARED / self._rate(), SHARED_AT_MOST)
+        snapshot = self._scenery.snapshot(self._source, state.iteration, newest_for)
         newest = self._source.archive.iteration
         self._behind = snapshot.iteration < (newest if state.iteration is None else min(state.iteration, newest))
         other = None if state.compare is None else self._find(state.compare.session_id)
         compared = None
         if other is not None and state.compare is not None:
-            compared = other, self._scenery.snapshot(other, state.compare.iteration)
+            compared = other, self._scenery.snapshot(other, state.compare.iteration, newest_for)
         key = (
             (self._source.id, snapshot.row["event"], snapshot.iteration),
             None if compared is None else compared[1].row["event"],

@@ -18,10 +18,6 @@ from app.viewer.scene_frame import SceneFrame
 from app.viewer.stage import Stage, stage
 from pmpnbp.readout.snapshot import Snapshot
 
-# Seconds for which the newest iteration of a running session stands for the newest one to all views: less than a view
-# waits from one picture to the next, which is then of another iteration.
-NEWEST_SECONDS = 0.07
-
 Value = TypeVar("Value")
 
 
@@ -66,9 +62,12 @@ class Scenery:
         self._stages: Shared[Stage] = Shared()
         self._frames: Shared[SceneFrame] = Shared()
 
-    def snapshot(self, source: Source, iteration: int | None) -> Snapshot:
-        """An iteration; the newest where there are not so many, as after a reset."""
-        newest = self._newest_of(source)
+    def snapshot(self, source: Source, iteration: int | None, seconds: float) -> Snapshot:
+        """An iteration; the newest where there are not so many, as after a reset.
+
+        seconds : for which the newest iteration of a running session stands for the newest one
+        """
+        newest = self._newest_of(source, seconds)
         if iteration is None or iteration >= newest.iteration:
             return newest
         return source.archive.read(iteration)
@@ -87,12 +86,12 @@ class Scenery:
         """The frame of that key, which says all that it is made of."""
         return self._frames.get(key, make)
 
-    def _newest_of(self, source: Source) -> Snapshot:
+    def _newest_of(self, source: Source, seconds: float) -> Snapshot:
         now = time.monotonic()
         if not source.idle:
             with self._lock:
                 at, known = self._newest.get(source, (0.0, None))
-            snapshot = None if known is None or now - at > NEWEST_SECONDS else known()
+            snapshot = None if known is None or now - at > seconds else known()
             if snapshot is not None and snapshot.iteration <= source.archive.iteration:  # else it was reset since
                 return snapshot
         snapshot = source.archive.read()

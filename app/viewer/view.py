@@ -6,6 +6,7 @@ whoever listens is told of both.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -55,7 +56,7 @@ class View:
 
     server, secret : viser's, and what its connections carry; opened with the first client
     clients : browsers that show it; keepers : all that keep it from being closed; painter : who draws it
-    slowed : why it is drawn less often than it could be, or None
+    pace : pictures a second, at most; slowed : why it is drawn much less often than it could be, or None
     """
 
     session_id: str
@@ -66,6 +67,7 @@ class View:
     last_left: threading.Timer | None = field(default=None, repr=False)
     drawn: DrawnScene | None = None
     error: str | None = None
+    pace: float = math.inf
     slowed: str | None = None
     painter: Painter | None = field(default=None, repr=False)
 

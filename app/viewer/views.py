@@ -22,6 +22,9 @@ from app.viewer.view_state import MAX_COORDINATE, ViewState
 
 LINGER_SECONDS = 60.0
 
+# Pictures a second of all views together that are drawn at the full rate: more take too much time from the inference.
+ALL_RATE = 24.0
+
 # What is said of a view that is drawn less often.
 SLOWED = (
     "{} opened before this one and drawn at the full rate, the most that this server draws so; "
@@ -121,13 +124,14 @@ class Views:
             return
         with self._lock:
             seen = [view for view in self._views.values() if view.clients and not view.state.hidden]
-            told = []
+            told, full = [], min(len(seen), self._full_rate)
             for place, view in enumerate(seen):
                 slowed = (
                     None
                     if place < self._full_rate
                     else SLOWED.format("1 view was" if self._full_rate == 1 else f"{self._full_rate} views were")
                 )
+                view.pace = ALL_RATE / full
                 if slowed != view.slowed:
                     view.slowed = slowed
                     told.append(view)

@@ -21,8 +21,8 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.run import steps
-from pmpnbp.readout.estimate import Placement, place
 from pmpnbp.readout.mixture import of_estimate
+from pmpnbp.readout.placement import Placement, place
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.readout.surface_distance import distances, part_surfaces
 from pmpnbp.recording.inputs import Inputs

@@ -217,8 +217,9 @@ def perturb(pose: Array, translation: Array, rotation: Array, centre: Array | fl
 
 
 def mean(pose: Array, weights: Array) -> Array:
-    """Weighted mean (7,) of poses (T, 7): mean position, and the chordal mean rotation (Markley et al. 2007)."""
-    weights = weights / weights.sum()
-    q = pose[:, 3:]
-    _, vectors = np.linalg.eigh(np.einsum("t,ti,tj->ij", weights, q, q))
-    return np.concatenate([weights @ pose[:, :3], vectors[:, -1]])
+    """Weighted means (..., 7) of poses (T, ..., 7), weights (T,): mean position, and the chordal mean rotation (Markley
+    et al. 2007)."""
+    share = (weights / weights.sum()).reshape(-1, *(1,) * (pose.ndim - 1))
+    q = np.moveaxis(pose[..., 3:], 0, -2)
+    _, vectors = np.linalg.eigh(np.swapaxes(q, -1, -2) @ np.moveaxis(share * pose[..., 3:], 0, -2))
+    return np.concatenate([(share * pose[..., :3]).sum(axis=0), vectors[..., -1]], axis=-1)

@@ -13,8 +13,8 @@ import numpy as np
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.readout.estimate import Placement
 from pmpnbp.readout.marginals import around
+from pmpnbp.readout.placement import Placement
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.scene.articulated_object import ArticulatedObject
 

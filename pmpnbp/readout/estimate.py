@@ -10,62 +10,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.belief import IterationReport
+from pmpnbp.inference.belief import Belief, IterationReport
 from pmpnbp.inference.problem import Problem
-from pmpnbp.inference.tree_estimate import agreeing
 from pmpnbp.potentials import nuisances
-from pmpnbp.potentials.unary import visible_fractions
 from pmpnbp.readout import particle_statistics
-from pmpnbp.readout.object_posterior import nuisance_stds
-from pmpnbp.readout.posterior import Posterior, Spread, link_modes, spread
-from pmpnbp.readout.unknown import unknown
-from pmpnbp.scene.articulated_object import ArticulatedObject, Joint, parts_of_links
+from pmpnbp.readout.placement import Placement, Standing, place, rows_of_parts
+from pmpnbp.readout.posterior import Posterior, Spread
+from pmpnbp.scene.articulated_object import Joint, parts_of_links
 from pmpnbp.settings import SessionOptions
-
-# The scan may be this much in front of a part's surface, metres, and still be the part: noise, a slightly wrong pose.
-VISIBLE_TOLERANCE = 0.02
-
-
-@dataclass(frozen=True)
-class Placement:
-    """Where everything is, how far the particles are spread about it, and the posterior: what is soon told.
-
-    problem : with the nuisances that the placement takes
-    part_poses : (N, 7), part in world; joint_positions : (D,) the joint vector; both agree with the tree
-    link_poses : (L, 7), link in world, in the model's order; particles : (T, L, 7), those of every link, link in world;
-    particle i of a link has the weight of particle i of the part that `parts_of_links` names
-    particle_covariances : (L, 6, 6), see `particle_statistics.covariance`
-    posterior : what the scan leaves open, and `spread` the same about the estimate; None where it was not read out
-    """
-
-    problem: Problem
-    part_poses: Array
-    joint_positions: Array
-    link_poses: Array
-    particles: Array
-    particle_covariances: Array
-    posterior: Posterior | None
-    spread: Spread | None
-
-    @property
-    def std_xyz(self) -> Array | None:
-        """(L, 3) standard deviations of the positions along the world's axes, metres, or None."""
-        return None if self.spread is None else particle_statistics.std_xyz(self.spread.covariances)
-
-    def certain(self, max_std: float) -> NDArray[np.bool_]:
-        """(L,): which links are certain, up to `max_std`, metres: see `posterior.Spread.certain`."""
-        if self.posterior is None or self.spread is None:
-            return np.zeros(len(self.link_poses), dtype=bool)
-        return self.spread.certain(self.posterior, max_std)
-
-    @property
-    def particle_std_xyz(self) -> Array:
-        """(L, 3) standard deviations of the particles' positions along the world's axes, metres."""
-        return particle_statistics.std_xyz(self.particle_covariances)
 
 
 @dataclass(frozen=True)
@@ -204,35 +159,6 @@ class Estimate:
         return None if self.posterior is None else self.posterior.iteration
 
 
-def place(problem: Problem, report: IterationReport, posterior: Posterior | None = None) -> Placement:
-    """Where the estimate of an iteration has everything, or the middle of its posterior where there is one. The same
-    arguments give the same numbers.
-
-    posterior : as `mixture.read_out` gave it, where it did
-    """
-    centre = None if posterior is None else posterior.centre
-    if centre is None:
-        problem = problem.taking(report.nuisances)
-        root, joints = agreeing(problem, report)
-    else:
-        problem, root, joints = problem.taking(centre.nuisances), centre.root, centre.joints
-    model, belief = problem.mrf.model, report.belief
-    part_poses = model.part_poses(root, joints)
-    link_poses = model.link_poses(part_poses, joints)
-    rng = np.random.default_rng([problem.seed, report.iteration])
-    stds = particle_statistics.joint_stds(rng, model, belief, joints)
-    # Joints that a link outside all parts hangs on are spread as the particles are; a part's links do not see this.
-    moved = joints + stds * rng.standard_normal((belief.log_weights.shape[1], model.dof))
-    particles = model.link_poses(np.swapaxes(belief.poses, 0, 1), moved)
-    weights, part = np.exp(belief.log_weights), parts_of_links(model)
-    covariances = [
-        particle_statistics.covariance(link_poses[row], particles[:, row], weights[part[name]])
-        for row, name in enumerate(model.links)
-    ]
-    told = None if posterior is None else spread(problem, posterior, root, joints)
-    return Placement(problem, part_poses, joints, link_poses, particles, np.array(covariances), posterior, told)
-
-
 def estimate(
     problem: Problem,
     report: IterationReport,
@@ -249,29 +175,15 @@ def estimate(
     """
     placed = placed or place(problem, report)
     problem = placed.problem
-    model, belief, observation = problem.mrf.model, report.belief, problem.observation
-    part_poses = placed.part_poses
-    fractions = visible_fractions(observation, problem.surfaces, part_poses, VISIBLE_TOLERANCE, problem.nuisances)
-    likelihoods = problem.unary(
-        np.arange(len(part_poses), dtype=np.int32), part_poses, problem.tolerance_end, "rasteriser"
-    )
-    weights = np.exp(belief.log_weights)
-    modes = [
-        particle_statistics.modes(belief.poses[node], weights[node], problem.mrf.centres[node])
-        for node in range(len(part_poses))
-    ]
+    model, belief, observation, stands = problem.mrf.model, report.belief, problem.observation, placed.standing
+    part_poses, fractions, likelihoods = stands.part_poses, stands.visible_fractions, stands.log_likelihoods
+    particle_modes = _particle_modes(problem, belief, placed)
     posterior, told, certain = placed.posterior, placed.spread, placed.certain(max_std)
-    hypotheses = [[] for _ in model.links] if posterior is None else link_modes(model, posterior)
     reached_from = parts_of_links(model)
     with_surface = {link for part in model.parts if part.visible for link in part.links}
     links = []
     for row, name in enumerate(model.links):
         part = reached_from[name]
-        found = []
-        for mode in modes[part]:
-            own, share = placed.particles[mode.members, row], weights[part, mode.members]
-            middle = poses.mean(own, share)
-            found.append(ModeEstimate(mode.weight, middle, particle_statistics.covariance(middle, own, share)))
         links.append(
             LinkEstimate(
                 name=name,
@@ -282,9 +194,9 @@ def estimate(
                 certain=bool(certain[row]),
                 visible_fraction=float(fractions[part]) if name in with_surface else None,
                 log_likelihood=float(likelihoods[part]) if name in with_surface else None,
-                modes=tuple(ModeEstimate(*mode) for mode in hypotheses[row]),
+                modes=tuple(ModeEstimate(*mode) for mode in stands.hypotheses[row]),
                 particle_std_xyz=placed.particle_std_xyz[row],
-                particle_modes=tuple(found),
+                particle_modes=tuple(particle_modes[row]),
             )
         )
     moving = tuple(_joint_estimate(joint, placed, told) for joint in model.joints if joint.kind != "fixed")
@@ -303,18 +215,33 @@ def estimate(
         tuple(links),
         moving,
         tuple(problem.noise.tolist()),
-        _nuisance_estimates(problem, part_poses[0], placed.joint_positions),
+        _nuisance_estimates(stands),
         posterior,
-        () if posterior is None else _alternatives(model, posterior),
-        () if told is None else unknown(problem, told),
+        _alternatives(stands),
+        stands.unknown,
     )
 
 
-def _nuisance_estimates(problem: Problem, root: Array, joints: Array) -> tuple[NuisanceEstimate, ...]:
+def _particle_modes(problem: Problem, belief: Belief, placed: Placement) -> list[list[ModeEstimate]]:
+    """Of each link the hypotheses among its particles, heaviest first."""
+    model = problem.mrf.model
+    found: list[list[ModeEstimate]] = [[] for _ in model.links]
+    for node, rows in enumerate(rows_of_parts(model)):
+        weights = np.exp(belief.log_weights[node])
+        for mode in particle_statistics.modes(belief.poses[node], weights, problem.mrf.centres[node]):
+            own, share = placed.particles[mode.members][:, rows], weights[mode.members]
+            middles = poses.mean(own, share)
+            covariances = particle_statistics.covariance(middles, own, share)
+            for row, middle, covariance in zip(rows, middles, covariances, strict=True):
+                found[row].append(ModeEstimate(mode.weight, middle, covariance))
+    return found
+
+
+def _nuisance_estimates(stands: Standing) -> tuple[NuisanceEstimate, ...]:
+    problem = stands.problem
     if problem.nuisances is None:
         return ()
-    names = nuisances.names(len(problem.observation.views))
-    stds = nuisance_stds(problem, root, joints)
+    names, stds = nuisances.names(len(problem.observation.views)), stands.nuisance_stds
     return tuple(
         NuisanceEstimate(names[k], float(problem.nuisances[k]), float(stds[k]), float(problem.nuisance_std[k]))
         for k in np.flatnonzero(problem.nuisance_std)
@@ -331,8 +258,10 @@ def _joint_estimate(joint: Joint, placed: Placement, told: Spread | None) -> Joi
     return JointEstimate(joint, position, std, ends.T, lower, upper)
 
 
-def _alternatives(model: ArticulatedObject, posterior: Posterior) -> tuple[Alternative, ...]:
-    return tuple(Alternative(mode.weight, mode.link_poses(model), mode.joints) for mode in posterior.modes)
+def _alternatives(stands: Standing) -> tuple[Alternative, ...]:
+    modes = () if stands.posterior is None else stands.posterior.modes
+    pairs = zip(modes, stands.mode_poses, strict=True)
+    return tuple(Alternative(mode.weight, link_poses, mode.joints) for mode, link_poses in pairs)
 
 
 def _number(value: float) -> float | None:

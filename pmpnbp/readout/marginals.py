@@ -14,7 +14,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout import particle_statistics
-from pmpnbp.readout.estimate import Placement, place
+from pmpnbp.readout.placement import Placement, place
 from pmpnbp.scene.articulated_object import parts_of_links
 
 # Of the belief's weight so much may lie beyond either end of a histogram: far and light particles would leave the rest

@@ -65,7 +65,8 @@ def modes(particles: Array, weights: Array, centre: Array) -> list[Mode]:
     middle = poses.transform_points(particles, centre)
     left = weights > 0
     found: list[Mode] = []
-    while left.any() and len(found) < CLUSTERS:
+    # none of what is left can be kept where all of it together weighs too little
+    while left.any() and len(found) < CLUSTERS and not (found and weights[left].sum() < LEAST_WEIGHT / 2):
         seed = int(np.where(left, weights, -1.0).argmax())
         near = np.linalg.norm(middle - middle[seed], axis=1) < MODE_DISTANCE
         near &= poses.rotation_angle(particles[:, 3:], particles[seed, 3:]) < MODE_ANGLE

@@ -13,7 +13,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.pixel_kinds import in_front
 from pmpnbp.potentials.unary import render_part, renders
-from pmpnbp.readout.estimate import VISIBLE_TOLERANCE
+from pmpnbp.readout.placement import VISIBLE_TOLERANCE
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,8 +5,9 @@ Nobody looks at most of the results, and reading one out takes longer than an it
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -15,8 +16,8 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout import estimate as readout
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
-from pmpnbp.readout.estimate import Placement, place
 from pmpnbp.readout.mixture import read_out
+from pmpnbp.readout.placement import Placement, place
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.readout.result import to_result
 from pmpnbp.readout.truth_errors import errors as truth_errors
@@ -44,6 +45,7 @@ class Snapshot:
     problem : what it was made with
     placed : where the estimate has everything, with the posterior where it was read out
     row : the trace's entry; row_text : the same as JSON
+    asked : set by whoever asks for its result, so that the next iteration's is there when they ask again
     """
 
     problem: Problem
@@ -52,6 +54,7 @@ class Snapshot:
     criteria: Criteria
     row: Row
     row_text: bytes
+    asked: threading.Event = field(default_factory=threading.Event, compare=False, repr=False)
 
     def read_out(self, checkpoint: Checkpoint = go_on) -> Snapshot:
         """The same with its posterior, also where it is not at rest; without one still during the search. Raises what
@@ -93,7 +96,7 @@ class Snapshot:
 
     @property
     def known_text(self) -> bytes | None:
-        """`result_text` where it was asked for before: nothing is waited for."""
+        """`result_text` where it is there already: nothing is waited for."""
         return self.__dict__.get("result_text")
 
     @property
@@ -121,15 +124,17 @@ def snapshot(
     elapsed: float,
     event: int | None = None,
     posterior: Posterior | None = None,
+    before: Snapshot | None = None,
 ) -> Snapshot:
     """Read an iteration out.
 
     elapsed : seconds of wall time the inference has taken so far
     event : the number by which the iteration is announced, where it is
     posterior : what the scan leaves open, where it was read out
+    before : the iteration before, so that what has stayed is not worked out again
     """
     model = problem.mrf.model
-    placed = place(problem, report, posterior)
+    placed = place(problem, report, posterior, None if before is None else before.placed)
     names = [part.name for part in model.parts]
     truth, std_xyz = criteria.truth, placed.std_xyz
     certain = placed.certain(criteria.max_std)

@@ -437,3 +437,14 @@ def test_no_copy_of_a_recording_stays(served: Any, path: str) -> None:
 def test_what_json_does_not_have_becomes_null() -> None:
     told = {"a": float("nan"), "b": [1.5, float("-inf")], "c": {"d": (float("inf"), "ü")}}
     assert json.loads(json_bytes(told)) == {"a": None, "b": [1.5, None], "c": {"d": [None, "ü"]}}
+
+
+def test_a_result_is_made_ahead_only_for_those_who_ask_again(served: Any) -> None:
+    path = small.after(served.client, 1)
+    archive = served.app.state.sessions.get(path.rpartition("/")[2]).archive
+    assert archive.present.known_text is None
+    assert served.client.get(f"{path}/estimate").status_code == 200
+    small.step(served.client, path)
+    assert archive.present.known_text is not None  # who asks again does not wait
+    small.step(served.client, path)
+    assert archive.present.known_text is None  # nobody has asked again

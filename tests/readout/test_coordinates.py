@@ -12,8 +12,8 @@ from pmpnbp.geometry import poses
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run
 from pmpnbp.readout.coordinates import Coordinate, coordinates
-from pmpnbp.readout.estimate import Placement, place
 from pmpnbp.readout.mixture import of_estimate
+from pmpnbp.readout.placement import Placement, place
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
 
@@ -85,8 +85,11 @@ def test_angles_are_counted_from_the_estimate(placed: Placement) -> None:
     swung[::2] = poses.multiply(np.array([0.0, 0, 0, np.cos(0.05), 0, 0, np.sin(0.05)]), swung[::2])
     turned = replace(
         placed,
-        link_poses=poses.multiply(turn, placed.link_poses),
-        posterior=replace(posterior, drawn_roots=poses.multiply(turn, swung)),
+        standing=replace(
+            placed.standing,
+            link_poses=poses.multiply(turn, placed.link_poses),
+            posterior=replace(posterior, drawn_roots=poses.multiply(turn, swung)),
+        ),
     )
     yaw = found(turned, "link0")["link0", "yaw"]
     assert abs(abs(yaw.estimate) - np.pi) < 1e-6

@@ -11,7 +11,7 @@ from pmpnbp.geometry import poses
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.unary import render_part, visible_fractions
-from pmpnbp.readout.estimate import VISIBLE_TOLERANCE
+from pmpnbp.readout.placement import VISIBLE_TOLERANCE
 from pmpnbp.readout.sight import Sight, sights
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds

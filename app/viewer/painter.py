@@ -101,11 +101,11 @@ class Painter:
                 self._at_once.wait(wait)
                 self._at_once.clear()
             self._wake.clear()
-            self.camera.tend()
-            if self._view.clients == 0 or self._view.state.hidden:
-                continue
             began, error = time.monotonic(), None
             try:
+                self.camera.tend()
+                if self._view.clients == 0 or self._view.state.hidden:
+                    continue
                 with self._painting:
                     # what changes no picture, as a state that is told, must not delay the next one
                     last = began if self._paint(self._view.state) or self._behind else last

@@ -24,7 +24,7 @@ from app.security import VIEW_POLICY
 from app.viewer.client_page import CLIENT_PAGE, scene_only
 from app.viewer.view import View
 from app.viewer.views import new_view_id
-from app.viewer.viser_server import SECRET_HEADER
+from app.viewer.viser_server import SECRET_HEADER, is_finite, members_of
 
 router = APIRouter(include_in_schema=False)
 
@@ -107,11 +107,16 @@ async def _down(upstream: ClientConnection, websocket: WebSocket) -> None:
 
 
 async def _up(websocket: WebSocket, upstream: ClientConnection) -> None:
-    """From the browser to viser."""
+    """From the browser to viser, which takes what it is sent for what its own page sends."""
     with suppress(ConnectionClosed):
         while True:
             message = await websocket.receive()
             if message["type"] == "websocket.disconnect":
                 return
             data = message.get("bytes")
-            await upstream.send(message["text"] if data is None else data)
+            members = None if data is None else members_of(data)
+            if data is None or members is None:
+                await websocket.close(1003, "this is no message of a 3D view")
+                return
+            if is_finite(members):  # a page that is being laid out may look nowhere
+                await upstream.send(data)

@@ -6,6 +6,7 @@ Only this process knows the secret: it passes a browser's websocket on after its
 from __future__ import annotations
 
 import hmac
+import math
 import secrets
 import threading
 from collections.abc import Callable
@@ -55,6 +56,23 @@ def open_server() -> tuple[viser.ViserServer, str]:
 def address(server: viser.ViserServer) -> str:
     """Where its websocket is; for this process only."""
     return f"ws://{LOOPBACK}:{server.get_port()}"
+
+
+def members_of(data: bytes) -> dict[str, Any] | None:
+    """The members of a message that a browser sends; None where it is none that viser knows."""
+    try:
+        return vars(viser_messages.Message.deserialize(data))
+    except Exception:  # whatever it trips over
+        return None
+
+
+def is_finite(value: Any) -> bool:
+    """Whether no number in a message's members is infinite or none."""
+    if isinstance(value, dict):
+        return all(map(is_finite, value.values()))
+    if isinstance(value, tuple | list):
+        return all(map(is_finite, value))
+    return not isinstance(value, float) or math.isfinite(value)
 
 
 def _guarded(serve: Callable[..., Any], secret: str) -> Callable[..., Any]:

@@ -106,13 +106,17 @@ def _allow(outcome: Outcome, client: httpx.Client, names: Mapping[str, str]) -> 
     """405 names every method that the path takes."""
     outcome.did.append("a method that is none of its own at every path")
     known: dict[str, set[str]] = {path: {"GET"} for path in (*PAGES, *_static(client)[:1])}
-    for method, path, _ in every_call.operations(client):
+    operations = list(every_call.operations(client))
+    for method, path, _ in operations:
         place = every_call.filled(path, names)
         if place is not None:
             known.setdefault(place, set()).add(method)
     wrong = []
     for place, methods in known.items():
-        full = methods | ({"HEAD"} if "GET" in methods else set())
+        # `sample` is a session's id, too, for all that the server knows before it looks
+        others = [method for method, path, _ in operations if re.fullmatch(re.sub(r"{\w+}", "[^/]+", path), place)]
+        full = methods.union(others)
+        full |= {"HEAD"} if "GET" in full else set()
         method = next(method for method in ("PUT", "DELETE", "PATCH", "POST") if method not in full)
         answer = client.request(method, place)
         outcome.answered(f"{method} {_short(place, names)}", answer, {405})

@@ -167,7 +167,10 @@ class Ledger:
         for (id, iteration), links in self.estimates.items():
             answer = client.get(f"/api/v1/sessions/{id}/estimate", params={"iteration": iteration})
             if answer.status_code != 200 or json.dumps(answer.json()["links"]) != links:
-                self.broken.append(f"session {id}: the estimate of iteration {iteration} reads otherwise")
+                self.broken.append(
+                    f"session {id}: the estimate of iteration {iteration} reads otherwise: {answer.status_code}, told were "
+                    f"the links {links}, now {answer.text}"
+                )
 
     def _nothing_is_back(self, listed: dict[str, dict[str, dict[str, object]]]) -> None:
         for kind, gone in self.gone.items():

@@ -168,8 +168,8 @@ class Ledger:
             answer = client.get(f"/api/v1/sessions/{id}/estimate", params={"iteration": iteration})
             if answer.status_code != 200 or json.dumps(answer.json()["links"]) != links:
                 self.broken.append(
-                    f"session {id}: the estimate of iteration {iteration} reads otherwise: {answer.status_code}, told were "
-                    f"the links {links}, now {answer.text}"
+                    f"session {id}: the estimate of iteration {iteration} reads otherwise: {answer.status_code}, told "
+                    f"were the links {links}, now {answer.text}"
                 )
 
     def _nothing_is_back(self, listed: dict[str, dict[str, dict[str, object]]]) -> None:

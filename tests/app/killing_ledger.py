@@ -100,6 +100,8 @@ class Ledger:
         found = client.get(f"{path}/estimate")
         if found.status_code == 200 and found.json()["iteration"] % 3 == 1:
             with self.lock:
+                if session not in self.known["sessions"]:
+                    return  # its deletion was acknowledged since
                 self.estimates[session, found.json()["iteration"]] = json.dumps(found.json()["links"])
 
     def delete(self, client: httpx.Client, kind: str, id: str) -> None:

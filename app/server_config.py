@@ -60,7 +60,8 @@ class ServerConfig:
     max_views_full_rate: int = _entry(
         20,
         "3D views",
-        "that are drawn 12 times a second; those opened later every 2 seconds while a session runs",
+        "that are drawn 12 times a second, while a session runs 24 times all together; those opened later then every "
+        "2 seconds",
         low=1,
     )
     max_clients: int = _entry(400, "clients", "connected at once: requests, event streams and 3D views", low=1)

@@ -19,12 +19,12 @@ from contextlib import suppress
 from typing import Any
 
 import httpx
-import viser
-from websockets.asyncio.client import ClientConnection, connect
+from websockets.asyncio.client import ClientConnection
 from websockets.exceptions import ConnectionClosed, InvalidStatus
-from websockets.typing import Origin, Subprotocol
+from websockets.typing import Origin
 
 from benchmarks.trials import PROJECT
+from benchmarks.view_socket import view_socket
 
 KINDS = ("planners", "listeners", "views")
 
@@ -49,15 +49,20 @@ class Clients:
         return found
 
 
-class Reader(asyncio.BufferedProtocol):
-    """Drops what it gets, but for the head of the answer. total : bytes, without the head"""
+class Listener(asyncio.BufferedProtocol):
+    """Listens to events, and looks at their numbers alone.
+
+    status : of the answer, 0 where there was none; lost : whether the server has ended it
+    newest : the last event's number; events : how many; in_order : whether none came after a later one
+    """
 
     def __init__(self) -> None:
         self._buffer = bytearray(1 << 18)
         self._head = b""
+        self._rest = b""
         self.status: asyncio.Future[int] = asyncio.get_running_loop().create_future()
-        self.total = 0
-        self.lost = self.ended_early = False
+        self.lost = False
+        self.newest, self.events, self.in_order = -1, 0, True
 
     def get_buffer(self, sizehint: int) -> bytearray:
         """Where the next bytes go."""
@@ -66,37 +71,22 @@ class Reader(asyncio.BufferedProtocol):
     def buffer_updated(self, nbytes: int) -> None:
         """So many have come."""
         if self.status.done():
-            self.total += nbytes
-            self.received(memoryview(self._buffer)[:nbytes])
+            self._read(self._buffer[:nbytes])
             return
         self._head += self._buffer[:nbytes]
         if b"\r\n\r\n" in self._head:
             head, _, rest = self._head.partition(b"\r\n\r\n")
             self.status.set_result(int(head.split(b" ", 2)[1]))
-            self.received(memoryview(rest))
-
-    def received(self, data: memoryview) -> None:
-        """For those who count what they drop."""
+            self._read(rest)
 
     def connection_lost(self, problem: Exception | None) -> None:
-        """The server has ended it."""
+        """It has ended."""
         self.lost = True
         if not self.status.done():
             self.status.set_result(0)
 
-
-class Listener(Reader):
-    """newest : the last event's number; events : how many; in_order : whether none came after a later one"""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._rest = b""
-        self.newest, self.events, self.in_order = -1, 0, True
-
-    def received(self, data: memoryview) -> None:
-        """Read the numbers of its events."""
-        whole, found, rest = (self._rest + bytes(data)).rpartition(b"\n")
-        self._rest = rest
+    def _read(self, data: bytes) -> None:
+        whole, found, self._rest = (self._rest + data).rpartition(b"\n")
         for line in whole.split(b"\n") if found else ():
             if line.startswith(b"id: "):
                 number = int(line[4:])
@@ -173,15 +163,29 @@ async def _ask(
 
 
 async def _listen(asked: argparse.Namespace) -> dict[str, Any]:
-    heard = await _opened(asked)
+    """Each hears the events of one session."""
+    url, loop, opened = httpx.URL(asked.url), asyncio.get_running_loop(), []
+    for number in range(asked.count):
+        path = f"/api/v1/sessions/{asked.sessions[number % len(asked.sessions)]}/events"
+        transport, listener = await loop.create_connection(Listener, url.host, url.port)
+        transport.write(f"GET {path} HTTP/1.1\r\nHost: {url.host}:{url.port}\r\nAccept: */*\r\n\r\n".encode())
+        opened.append((transport, listener))
+    listeners = [listener for _, listener in opened]
+    statuses = Counter([str(await listener.status) for listener in listeners])
+    print("connected", flush=True)
+    await asyncio.sleep(asked.seconds)
+    ended = sum(listener.lost and listener.status.result() == 200 for listener in listeners)
+    for transport, _ in opened:
+        transport.abort()
     return {
-        "events": sum(one.events for one in heard),
-        "in_order": sum(one.in_order for one in heard),
+        "events": sum(listener.events for listener in listeners),
+        "in_order": sum(listener.in_order for listener in listeners),
         "newest": {
-            session: sorted({one.newest for one in heard[number :: len(asked.sessions)]})[::-1][:3]
+            session: sorted({listener.newest for listener in listeners[number :: len(asked.sessions)]})[::-1][:3]
             for number, session in enumerate(asked.sessions)
         },
-        **_told(heard),
+        "statuses": statuses,
+        "ended": ended,
     }
 
 
@@ -210,45 +214,11 @@ async def _look(asked: argparse.Namespace) -> dict[str, Any]:
 async def _view(asked: argparse.Namespace, number: int) -> ClientConnection | str:
     """An open view, or the status that it was refused with."""
     session = asked.sessions[number % len(asked.sessions)]
+    options = {"origin": Origin(asked.url), "open_timeout": 60, "ping_interval": None}
     try:
-        return await connect(
-            f"{asked.url.replace('http', 'ws', 1)}/sessions/{session}/view/load-{number}/",
-            subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
-            origin=Origin(asked.url),
-            compression=None,
-            max_size=None,
-            open_timeout=60,
-            ping_interval=None,
-            proxy=None,
-        )
+        return await view_socket(asked.url, session, f"load-{number}", **options)
     except InvalidStatus as refused:
         return str(refused.response.status_code)
-
-
-async def _opened(asked: argparse.Namespace) -> list[Listener]:
-    """So many listeners, after the time is over."""
-    url, loop, opened = httpx.URL(asked.url), asyncio.get_running_loop(), []
-    for number in range(asked.count):
-        path = f"/api/v1/sessions/{asked.sessions[number % len(asked.sessions)]}/events"
-        transport, listener = await loop.create_connection(Listener, url.host, url.port)
-        transport.write(f"GET {path} HTTP/1.1\r\nHost: {url.host}:{url.port}\r\nAccept: */*\r\n\r\n".encode())
-        opened.append((transport, listener))
-    for _, listener in opened:
-        await listener.status
-    print("connected", flush=True)
-    await asyncio.sleep(asked.seconds)
-    for transport, listener in opened:
-        listener.ended_early = listener.lost
-        transport.abort()
-    return [listener for _, listener in opened]
-
-
-def _told(readers: Sequence[Listener]) -> dict[str, Any]:
-    return {
-        "statuses": Counter(str(one.status.result()) for one in readers),
-        "ended": sum(one.ended_early and one.status.result() in (101, 200) for one in readers),
-        "megabytes": sum(one.total for one in readers) / 1e6,
-    }
 
 
 if __name__ == "__main__":

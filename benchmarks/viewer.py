@@ -29,7 +29,6 @@ from typing import Any
 
 import httpx
 import numpy as np
-import websockets.asyncio.client
 from playwright.sync_api import Page
 
 from benchmarks import server_process
@@ -37,6 +36,7 @@ from benchmarks.browser import launched
 from benchmarks.server_process import CABINET, ServerProcess, upload_model, upload_scan
 from benchmarks.tables import markdown, progress
 from benchmarks.trials import PROJECT, load_roi
+from benchmarks.view_socket import view_socket
 
 ROBOT = PROJECT / "sample_data" / "robot"
 VIEW = "benchmark"
@@ -279,13 +279,11 @@ def page(server: ServerProcess, session: str) -> Iterator[Page]:
 @contextmanager
 def looking(server: ServerProcess, session: str) -> Iterator[None]:
     """A client of the 3D view that takes everything and draws nothing, as one on another machine would be."""
-    address = server.url.replace("http", "ws") + f"/sessions/{session}/view/{VIEW}/"
     stop = threading.Event()
     there = threading.Event()
 
     async def take() -> None:
-        protocol = websockets.Subprotocol("viser-v1.1.1")
-        async with websockets.asyncio.client.connect(address, subprotocols=[protocol], max_size=None) as socket:
+        async with view_socket(server.url, session, VIEW) as socket:
             there.set()
             while not stop.is_set():
                 try:

@@ -12,7 +12,7 @@ import math
 import threading
 import weakref
 from collections.abc import AsyncIterator, Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from itertools import islice
 
 from fastapi.responses import StreamingResponse
@@ -48,7 +48,7 @@ class News:
 
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
-        self._post = _posts.setdefault(self._loop, _Post(self._loop))
+        self._post = _posts.get(self._loop) or _posts.setdefault(self._loop, _Post(self._loop))
         self._words: list[str] = []
         self._waiting: asyncio.Future[None] | None = None
 
@@ -84,7 +84,7 @@ class _Post:
     else the loop has to do comes in between, and to many less often, as that takes time from the inference."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        self._loop = loop
+        self._loop = weakref.proxy(loop)  # it holds its loop no longer than the streams do
         self._lock = threading.Lock()
         # of each listener its words, each once, in the order that they came in
         self._words: dict[News, dict[str, None]] = {}
@@ -98,8 +98,11 @@ class _Post:
             if self._on_its_way:
                 return
             self._on_its_way = True
-        with suppress(RuntimeError):  # the loop has ended, and the streams with it
+        try:
             self._loop.call_soon_threadsafe(self._set_off)
+        except RuntimeError:  # the loop has ended, and the streams with it
+            with self._lock:
+                self._words, self._on_its_way = {}, False
 
     def _set_off(self) -> None:
         if self._next > self._loop.time():

@@ -77,7 +77,6 @@ class Painter:
     def close(self) -> None:
         """End the thread, after what it draws just now."""
         self._wake.set()
-        self._at_once.set()
         if threading.current_thread() is not self._thread:
             self._thread.join()
 

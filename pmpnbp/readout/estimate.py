@@ -17,9 +17,9 @@ from pmpnbp.inference.belief import Belief, IterationReport
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.readout import particle_statistics
-from pmpnbp.readout.placement import Placement, Standing, place, rows_of_parts
+from pmpnbp.readout.placement import Placement, Standing, place
 from pmpnbp.readout.posterior import Posterior, Spread
-from pmpnbp.scene.articulated_object import Joint, parts_of_links
+from pmpnbp.scene.articulated_object import Joint, parts_of_links, rows_of_parts
 from pmpnbp.settings import SessionOptions
 
 
@@ -260,8 +260,10 @@ def _joint_estimate(joint: Joint, placed: Placement, told: Spread | None) -> Joi
 
 def _alternatives(stands: Standing) -> tuple[Alternative, ...]:
     modes = () if stands.posterior is None else stands.posterior.modes
-    pairs = zip(modes, stands.mode_poses, strict=True)
-    return tuple(Alternative(mode.weight, link_poses, mode.joints) for mode, link_poses in pairs)
+    return tuple(
+        Alternative(mode.weight, np.array([own[number][1] for own in stands.hypotheses]), mode.joints)
+        for number, mode in enumerate(modes)
+    )
 
 
 def _number(value: float) -> float | None:

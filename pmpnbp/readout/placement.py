@@ -21,7 +21,7 @@ from pmpnbp.readout import particle_statistics
 from pmpnbp.readout.object_posterior import nuisance_stds
 from pmpnbp.readout.posterior import Posterior, Spread, link_modes, spread
 from pmpnbp.readout.unknown import unknown
-from pmpnbp.scene.articulated_object import ArticulatedObject, parts_of_links
+from pmpnbp.scene.articulated_object import rows_of_parts
 
 # The scan may be this much in front of a part's surface, metres, and still be the part: noise, a slightly wrong pose.
 VISIBLE_TOLERANCE = 0.02
@@ -69,12 +69,6 @@ class Standing:
         """Of each link the posterior's modes, see `posterior.link_modes`; none where there is no posterior."""
         model = self.problem.mrf.model
         return [[] for _ in model.links] if self.posterior is None else link_modes(model, self.posterior)
-
-    @cached_property
-    def mode_poses(self) -> list[Array]:
-        """(L, 7) of each of the posterior's modes."""
-        model = self.problem.mrf.model
-        return [] if self.posterior is None else [mode.link_poses(model) for mode in self.posterior.modes]
 
     @cached_property
     def unknown(self) -> tuple[str, ...]:
@@ -189,9 +183,3 @@ def place(
     for weights, rows in zip(np.exp(belief.log_weights), rows_of_parts(model), strict=True):
         covariances[rows] = particle_statistics.covariance(found.link_poses[rows], particles[:, rows], weights)
     return Placement(found, particles, covariances)
-
-
-def rows_of_parts(model: ArticulatedObject) -> list[list[int]]:
-    """Of each part, which of the model's links are of it, or reached from it."""
-    parts = parts_of_links(model)
-    return [[row for row, link in enumerate(model.links) if parts[link] == node] for node in range(len(model.parts))]

@@ -296,3 +296,9 @@ def parts_of_links(model: ArticulatedObject) -> dict[str, int]:
     for joint in model.joints:
         owner.setdefault(joint.child, owner[joint.parent])
     return owner
+
+
+def rows_of_parts(model: ArticulatedObject) -> list[list[int]]:
+    """Of each part, which of the model's links are of it, or reached from it."""
+    owner = parts_of_links(model)
+    return [[row for row, link in enumerate(model.links) if owner[link] == node] for node in range(len(model.parts))]

@@ -9,13 +9,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import viser
-import websockets.asyncio.client
 from websockets.exceptions import ConnectionClosed
 
+from benchmarks.view_socket import view_socket
 from tests.app import small_sessions as small
-
-PROTOCOL = f"viser-v{viser.__version__}"
 
 
 def until(asked: Callable[[], Any]) -> Any:
@@ -42,19 +39,11 @@ def drawn(served: Any, view: str, iteration: int) -> dict[str, Any]:
 def looking(served: Any, view: str, reads: bool = True) -> Iterator[None]:
     """A browser's websocket on a view, which reads what it is sent, or nothing."""
     session_id, view_id = view.split("/")[4], view.split("/")[6]
-    address = served.url.replace("http", "ws") + f"/sessions/{session_id}/view/{view_id}/"
     ended = threading.Event()
 
     async def look() -> None:
-        options = {
-            "subprotocols": [PROTOCOL],
-            "max_size": None,
-            "proxy": None,
-            "compression": None,
-            "max_queue": 1,
-            "close_timeout": 1,
-        }
-        async with websockets.asyncio.client.connect(address, origin=served.url, **options) as socket:  # type: ignore[arg-type]
+        options = {"origin": served.url, "max_queue": 1, "close_timeout": 1}
+        async with view_socket(served.url, session_id, view_id, **options) as socket:
             while not ended.is_set():
                 try:
                     await asyncio.wait_for(socket.recv() if reads else asyncio.sleep(1), 0.05)

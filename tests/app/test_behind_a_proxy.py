@@ -19,8 +19,8 @@ import pytest
 import websockets.asyncio.client
 from websockets.exceptions import InvalidStatus
 
+from benchmarks.view_socket import PROTOCOL
 from tests.app import small_sessions as small
-from tests.app.open_views import PROTOCOL
 
 TOKEN = "a-token-for-this-test"
 CADDY = shutil.which("caddy")
@@ -107,7 +107,7 @@ def test_page_uploads_events_and_view_pass_over_tls(through: Callable[..., Any])
                 ssl=trusted,
                 origin=origin,  # type: ignore[arg-type]
                 additional_headers={"Cookie": cookie},
-                subprotocols=[PROTOCOL],  # type: ignore[list-item]
+                subprotocols=[PROTOCOL],
                 max_size=None,
                 proxy=None,
             ) as websocket:

@@ -12,14 +12,12 @@ from typing import Any
 import pytest
 from websockets.exceptions import ConnectionClosed
 
-from tests.app.test_viewer_proxy import SESSION, OneSession, connect, do
+from tests.app.test_viewer_proxy import SESSION, connect, do, with_one_session
 
 
 @pytest.fixture(scope="module")
 def viewed(serve_for_module: Callable[..., Any]) -> Any:
-    served = serve_for_module()
-    served.app.state.sessions = OneSession(served.app.state.sessions)
-    return served
+    return with_one_session(serve_for_module())
 
 
 def packed(value: Any) -> bytes:

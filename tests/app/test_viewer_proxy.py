@@ -12,7 +12,6 @@ from typing import Any
 
 import httpx
 import pytest
-import viser
 import websockets.asyncio.client
 from viser import _messages as viser_messages
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -21,8 +20,8 @@ from app.commands.serve import quiet_libraries
 from app.problems import HttpProblem
 from app.viewer.views import Views
 from app.viewer.viser_server import SECRET_HEADER
+from benchmarks.view_socket import PROTOCOL
 
-PROTOCOL = f"viser-v{viser.__version__}"
 SESSION = "0123456789abcdef"
 TOKEN = "a-token-for-this-test"
 
@@ -45,18 +44,19 @@ class OneSession:
         self.get(session_id)
 
 
-@pytest.fixture(scope="module")
-def viewed(serve_for_module: Callable[..., Any]) -> Any:
-    served = serve_for_module()
+def with_one_session(served: Any) -> Any:
     served.app.state.sessions = OneSession(served.app.state.sessions)
     return served
+
+
+@pytest.fixture(scope="module")
+def viewed(serve_for_module: Callable[..., Any]) -> Any:
+    return with_one_session(serve_for_module())
 
 
 @pytest.fixture(scope="module")
 def guarded(serve_for_module: Callable[..., Any]) -> Any:
-    served = serve_for_module(token=TOKEN)
-    served.app.state.sessions = OneSession(served.app.state.sessions)
-    return served
+    return with_one_session(serve_for_module(token=TOKEN))
 
 
 def connect(served: Any, path: str = f"/sessions/{SESSION}/view", **options: Any) -> Any:

@@ -10,11 +10,10 @@ from collections.abc import Sequence
 from contextlib import suppress
 from types import TracebackType
 
-import viser
-from websockets.asyncio.client import ClientConnection, connect
+from websockets.asyncio.client import ClientConnection
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
-from websockets.typing import Subprotocol
 
+from benchmarks.view_socket import view_socket
 from tests.app.attacks.target import Target
 
 # Handshakes at once; seconds for each; and how many may have no answer before the rest is not tried.
@@ -78,16 +77,14 @@ class Browsers:
         target = self._target
         options = {"local_addr": (address, 0)} if target.several_addresses else {}
         try:
-            return await connect(
-                f"{target.url.replace('http', 'ws', 1)}/sessions/{self._session_id}/view/attacked-{number}/",
-                subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
+            return await view_socket(
+                target.url,
+                self._session_id,
+                f"attacked-{number}",
                 additional_headers=target.headers,
-                compression=None,
-                max_size=None,
                 open_timeout=PATIENCE,
                 close_timeout=1,
                 ping_interval=None,
-                proxy=None,
                 **options,
             )
         except InvalidStatus as error:

@@ -60,9 +60,10 @@ def test_step_run_and_pause(page: Page, served: Served, session: str) -> None:
     wait(page, lambda: served.client.get(session).json()["iteration"] == 10)
     expect(page.locator("#progress-number")).to_have_text("10")
     page.get_by_role("button", name="Run…").click()
-    page.get_by_role("button", name="Run until at rest").click()
+    with page.expect_response("**/run"):  # before that the page and the server still say that it is paused
+        page.get_by_role("button", name="Run until at rest").click()
+    assert small.at_rest(served.client, session)["iteration"] >= 10
     expect(page.locator("#state-word")).to_have_text(re.compile("paused|at rest"))
-    small.at_rest(served.client, session)
 
     page.locator("#run-open").click()
     page.get_by_role("spinbutton", name="Iterations", exact=True).fill("5000")

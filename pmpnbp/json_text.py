@@ -10,6 +10,9 @@ import json
 import math
 from typing import Any
 
+# ten times as fast as Python's own, where a server writes a result with every iteration
+from pydantic_core import PydanticSerializationError, to_json
+
 
 def read_json(text: str) -> Any:
     """What the JSON `text` says. Raises ValueError where it is none or nested too deep; UnicodeEncodeError, which is
@@ -38,12 +41,11 @@ def check_text(value: Any) -> None:
 
 
 def json_bytes(value: Any) -> bytes:
-    """`value` as compact JSON."""
+    """`value` as compact JSON. What is no text, as in a recording that another program wrote, leaves as `?`."""
     try:
-        text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    except ValueError:
-        text = json.dumps(without_nan(value), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return text.encode("utf-8", "replace")
+        return to_json(value, inf_nan_mode="null")
+    except PydanticSerializationError:
+        return json.dumps(without_nan(value), ensure_ascii=False, separators=(",", ":")).encode("utf-8", "replace")
 
 
 def without_nan(value: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 import pytest
@@ -40,6 +41,20 @@ def test_what_is_read_can_be_written(value: Any, escaped: bool) -> None:
     else:
         with pytest.raises(UnicodeEncodeError):
             read_json(text)
+
+
+@given(st.recursive(st.floats() | ANY_TEXT | st.integers(), lambda inner: st.lists(inner, max_size=3), max_leaves=8))
+def test_whatever_is_told_is_written(value: Any) -> None:
+    """Numbers to the last bit, what is none as null, and what is no text as question marks."""
+
+    def told(one: Any) -> Any:
+        if isinstance(one, list):
+            return [told(inner) for inner in one]
+        if isinstance(one, float):
+            return one if math.isfinite(one) else None
+        return one.encode("utf-8", "replace").decode() if isinstance(one, str) else one
+
+    assert json.loads(json_bytes(value)) == told(value)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[" * 100_000, "1" * 5000, "nul"])

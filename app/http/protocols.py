@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import asyncio
 import http
-from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -23,6 +22,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.http11 import Request as Handshake
 
+from app.http.answers import Answers
 from app.http.connections import Connections
 from app.problems import HttpProblem, problem_response
 
@@ -81,7 +81,7 @@ class HttpProtocol(H11Protocol):
         super().data_received(data)
         if self.cycle is not before and not self.cycle.response_complete:
             self.due, self._left = None, None
-            self.cycle.transport = _Farewell(self.transport, self.close_slowly)  # type: ignore[assignment]
+            self._answer_through()
         elif self._left is not None and self.conn.their_state is not h11.SEND_BODY:
             self.due, self._left = None, None  # the body is over: what comes next is a request, as after any answer
             self._unset_keepalive_if_required()
@@ -95,9 +95,12 @@ class HttpProtocol(H11Protocol):
         before = self.cycle
         super().on_response_complete()
         if self.cycle is not before:
-            self.cycle.transport = _Farewell(self.transport, self.close_slowly)  # type: ignore[assignment]
+            self._answer_through()
         if self.cycle.response_complete and self.conn.their_state is h11.SEND_BODY:
             self.due, self._left = self.loop.time() + _DRAIN_SECONDS, _DRAIN_BYTES
+
+    def _answer_through(self) -> None:
+        self.cycle.transport = Answers(self.transport, self.loop, self.close_slowly)  # type: ignore[assignment]
 
     def close_slowly(self) -> None:
         """Close after an answer: where its request's body still comes, the client would not read it otherwise."""
@@ -122,17 +125,6 @@ class HttpProtocol(H11Protocol):
         """Hand the connection to the websocket's protocol."""
         super().handle_websocket_upgrade(event)
         self._watch.upgraded(self.transport, self.transport.get_protocol())  # type: ignore[arg-type]
-
-
-class _Farewell:
-    """A transport, but for how it is closed."""
-
-    def __init__(self, transport: asyncio.Transport, close: Callable[[], None]) -> None:
-        self._transport = transport
-        self.close = close
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._transport, name)
 
 
 class WebsocketProtocol(WebSocketsSansIOProtocol):

@@ -41,7 +41,7 @@ def _fits(problem: Problem, report: IterationReport) -> bool:
         *(are_whole(array, each) for array in vars(belief.origin).values()),
         belief.joint_positions is None or are_numbers(belief.joint_positions, (count, dof)),
         _numbers(report.log_message_shares, (*each, *report.log_message_shares.shape[2:3])),
-        *(_numbers(array, (nodes,)) for array in (report.inverse_temperature, report.effective_sample_size)),
+        are_numbers(report.inverse_temperature, (nodes,)) and are_numbers(report.effective_sample_size, (nodes,)),
         are_poses(report.map_poses, (nodes, 7)),
         report.map_joints is None or are_numbers(report.map_joints, (dof,)),
         report.nuisances is None or _small(report.nuisances, problem.nuisance_std.shape),

@@ -24,3 +24,13 @@ def test_a_share_of_a_sample_that_its_message_has_not_does_not_fit() -> None:
     shares[0, PARTICLES, 0] = 0.0  # a sample of the second message
     with pytest.raises(RecordingError, match="iteration 4 does not fit the model"):
         check_fits(problem, replace(reports[4], log_message_shares=shares))
+
+
+@pytest.mark.parametrize("name", ["inverse_temperature", "effective_sample_size"])
+@pytest.mark.parametrize("number", [float("nan"), float("inf")])
+def test_what_is_told_of_each_part_is_a_number(name: str, number: float) -> None:
+    problem, reports = iterations("gaussian", "shared")
+    numbers = getattr(reports[4], name).copy()
+    numbers[1] = number
+    with pytest.raises(RecordingError, match="iteration 4 does not fit the model"):
+        check_fits(problem, replace(reports[4], **{name: numbers}))

@@ -168,8 +168,8 @@ class Sessions:
         return self.create(sample_document(self._store, parsers, scene))
 
     def _create(self, document: Document, call: Call | None) -> Session:
-        problem, inputs = prepare(self._store, document)
         with self._store.session_draft(document) as draft:
+            problem, inputs = prepare(self._store, document)  # what it is made of cannot be deleted meanwhile
             id = draft["id"]
             try:
                 self._room.claim(id, problem)

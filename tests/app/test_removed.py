@@ -12,6 +12,7 @@ import httpx
 import pytest
 
 from app.problems import MEDIA_TYPE
+from app.sessions import document as documents
 from tests.app.small_sessions import after, create, upload_model, upload_scan
 
 KINDS = ("models", "scans", "sessions", "recordings")
@@ -129,3 +130,18 @@ def test_an_uploaded_recording_is_removed(served: Any, inside: tuple[str, ...]) 
     check(calls(client, recording_id=id))
     check(calls(client, session_id=id))
     assert client.delete(f"/api/v1/recordings/{id}").status_code == 204
+
+
+def test_what_a_session_is_being_made_of_cannot_be_deleted(served: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not even between the moment that it is looked up and the one that it is read."""
+    answers: list[httpx.Response] = []
+
+    def prepare(store: Any, document: Any) -> Any:
+        for path in (f"models/{document['model_id']}", f"scans/{document['scan_ids'][0]}"):
+            answers.append(httpx.delete(f"{served.url}/api/v1/{path}"))
+        return documents.prepare(store, document)
+
+    monkeypatch.setattr("app.sessions.sessions.prepare", prepare)
+    create(served.client)
+    assert [answer.status_code for answer in answers] == [409, 409]
+    assert all("is used by session" in answer.json()["detail"] for answer in answers)

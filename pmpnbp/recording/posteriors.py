@@ -18,7 +18,7 @@ from pmpnbp.json_text import read_json
 from pmpnbp.readout.fit import Fit, Verdict
 from pmpnbp.readout.posterior import Centre, ObjectMode, Posterior
 from pmpnbp.recording.arrays import Arrays
-from pmpnbp.recording.report_check import are_numbers, are_poses, are_whole
+from pmpnbp.recording.report_check import are_in_reach, are_numbers, are_poses, are_small, are_whole
 from pmpnbp.recording.schema import PREFIX
 
 _DRAWS = ("root", "joints", "drawn_roots", "drawn_joints", "log_weights", "mode")
@@ -73,7 +73,9 @@ def _centre(arrays: Mapping[str, NDArray[Any]]) -> Centre | None:
 def check_posterior_fits(problem: Problem, posterior: Posterior) -> None:
     """RecordingError where arrays of a posterior from elsewhere have other shapes or kinds than its problem makes, its
     weights are none, or its fit."""
-    if not _fits(problem, posterior):
+    with np.errstate(all="ignore"):  # whatever the numbers are, it is told once
+        fits = _fits(problem, posterior)
+    if not fits:
         raise RecordingError(
             f"the posterior of iteration {posterior.iteration} does not fit the model of its recording"
         )
@@ -86,13 +88,13 @@ def _fits(problem: Problem, posterior: Posterior) -> bool:
     fit, mode = posterior.fit, posterior.mode
     sound = (
         are_poses(posterior.root, (7,))
-        and are_numbers(posterior.joints, (dof,))
+        and are_in_reach(posterior.joints, (dof,))
         and are_poses(posterior.drawn_roots, (draws, 7))
-        and are_numbers(posterior.drawn_joints, (draws, dof))
+        and are_in_reach(posterior.drawn_joints, (draws, dof))
         and (posterior.drawn_sizes is None or _are_sizes(posterior.drawn_sizes, draws))
         and (posterior.centre is None or _is_centre(problem, posterior.centre))
         and are_whole(mode, (draws,))
-        and all(are_poses(one.root, (7,)) and are_numbers(one.joints, (dof,)) for one in posterior.modes)
+        and all(are_poses(one.root, (7,)) and are_in_reach(one.joints, (dof,)) for one in posterior.modes)
     )
     if not sound or not draws or not count:
         return False
@@ -112,8 +114,8 @@ def _fits(problem: Problem, posterior: Posterior) -> bool:
 
 
 def _is_centre(problem: Problem, centre: Centre) -> bool:
-    nuisances = centre.nuisances is None or are_numbers(centre.nuisances, problem.nuisance_std.shape)
-    return nuisances and are_poses(centre.root, (7,)) and are_numbers(centre.joints, (problem.mrf.model.dof,))
+    nuisances = centre.nuisances is None or are_small(centre.nuisances, problem.nuisance_std.shape)
+    return nuisances and are_poses(centre.root, (7,)) and are_in_reach(centre.joints, (problem.mrf.model.dof,))
 
 
 def _are_sizes(sizes: NDArray[Any], draws: int) -> bool:

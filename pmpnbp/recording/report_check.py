@@ -17,13 +17,15 @@ from pmpnbp.inference.belief import SOURCES, IterationReport, Messages
 from pmpnbp.inference.problem import Problem
 from pmpnbp.names import name_fault
 
-# Metres; nothing that a sensor sees is further away.
+# Metres, and radians of a joint; nothing that a sensor sees is further away.
 _MOST_DISTANT = 1e4
 
 
 def check_fits(problem: Problem, report: IterationReport) -> None:
     """RecordingError where arrays of a report have other shapes or kinds than its problem makes, or a pose is none."""
-    if not _fits(problem, report):
+    with np.errstate(all="ignore"):  # whatever the numbers are, it is told once
+        fits = _fits(problem, report)
+    if not fits:
         raise RecordingError(f"iteration {report.iteration} does not fit the model of its recording")
 
 
@@ -39,12 +41,12 @@ def _fits(problem: Problem, report: IterationReport) -> bool:
         _numbers(belief.log_weights, each) and bool(np.allclose(np.exp(belief.log_weights).sum(axis=1), 1, atol=1e-3)),
         _numbers(belief.log_unary, each),
         *(are_whole(array, each) for array in vars(belief.origin).values()),
-        belief.joint_positions is None or are_numbers(belief.joint_positions, (count, dof)),
+        belief.joint_positions is None or are_in_reach(belief.joint_positions, (count, dof)),
         _numbers(report.log_message_shares, (*each, *report.log_message_shares.shape[2:3])),
         are_numbers(report.inverse_temperature, (nodes,)) and are_numbers(report.effective_sample_size, (nodes,)),
         are_poses(report.map_poses, (nodes, 7)),
-        report.map_joints is None or are_numbers(report.map_joints, (dof,)),
-        report.nuisances is None or _small(report.nuisances, problem.nuisance_std.shape),
+        report.map_joints is None or are_in_reach(report.map_joints, (dof,)),
+        report.nuisances is None or are_small(report.nuisances, problem.nuisance_std.shape),
         report.rivals is None or _rivals(report.rivals, dof),
         0 <= report.search_after <= report.iteration,
         name_fault(report.stage) is None,
@@ -68,7 +70,7 @@ def _messages_fit(problem: Problem, report: IterationReport, messages: Messages)
         and np.array_equal(messages.receiver, problem.mrf.receiver)
         and all(_numbers(array, (edges, samples)) for array in factors)
         and are_poses(messages.poses, (edges, samples, 7))
-        and are_numbers(messages.joint_draw, (edges, samples, problem.mrf.axes_per_edge))
+        and are_in_reach(messages.joint_draw, (edges, samples, problem.mrf.axes_per_edge))
         and report.log_message_shares.shape[2] == shares
         and _shares_have_samples(report.log_message_shares, samples)
     )
@@ -96,18 +98,21 @@ def are_numbers(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
     return _numbers(array, shape) and bool(np.isfinite(array).all())
 
 
-def _small(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
+def are_in_reach(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
+    """Whether these are lengths or angles in this shape, none of them beyond all reach."""
+    return are_numbers(array, shape) and bool(np.all(np.abs(array) <= _MOST_DISTANT))
+
+
+def are_small(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
     """Whether these are nuisances under which something can be drawn: scales stay above zero."""
     return are_numbers(array, shape) and bool(np.all(np.abs(array) < 1))
 
 
 def _rivals(array: NDArray[Any], dof: int) -> bool:
     shape = (len(array), 7 + dof) if array.ndim == 2 else ()
-    return are_numbers(array, shape) and are_poses(array[:, :7], (len(array), 7))
+    return are_in_reach(array, shape) and are_poses(array[:, :7], (len(array), 7))
 
 
 def are_poses(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
     """Whether these are poses, with quaternions of about unit length."""
-    if not are_numbers(array, shape) or (array.size and np.abs(array).max() > _MOST_DISTANT):
-        return False
-    return bool(np.allclose(np.linalg.norm(array[..., 3:], axis=-1), 1, atol=1e-3))
+    return are_in_reach(array, shape) and bool(np.allclose(np.linalg.norm(array[..., 3:], axis=-1), 1, atol=1e-3))

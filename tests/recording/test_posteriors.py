@@ -17,7 +17,7 @@ from pmpnbp.inference import run
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.run import Step
 from pmpnbp.readout.mixture import of_estimate
-from pmpnbp.readout.posterior import Posterior
+from pmpnbp.readout.posterior import Centre, Posterior
 from pmpnbp.readout.snapshot import Criteria, snapshot
 from pmpnbp.recording import Inputs, IterationArchive, Recording, RecordingWriter
 from pmpnbp.recording.posteriors import check_posterior_fits, posterior_arrays, to_posterior
@@ -152,6 +152,10 @@ Alter = Callable[[Posterior], Posterior]
 WRONG: dict[str, Alter] = {
     "poses of no length": lambda one: replace(one, drawn_roots=np.zeros_like(one.drawn_roots)),
     "draws without a number": lambda one: replace(one, drawn_joints=np.full_like(one.drawn_joints, np.nan)),
+    "draws beyond all squares": lambda one: replace(one, drawn_joints=np.full_like(one.drawn_joints, 1e308)),
+    "a middle beyond all squares": lambda one: replace(
+        one, centre=Centre(root=one.root, joints=np.full_like(one.joints, 1e308), nuisances=None)
+    ),
     "another model's joints": lambda one: replace(one, drawn_joints=one.drawn_joints[:, :1]),
     "sizes of another count": lambda one: replace(one, drawn_sizes=np.zeros((len(one.mode), 2))),
     "draws turned inside out": lambda one: replace(one, drawn_sizes=np.full((len(one.mode), 3), -1.5)),

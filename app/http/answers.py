@@ -20,19 +20,19 @@ class Answers:
         self._transport = transport
         self._loop = loop
         self._close = close
+        # None until something is written; then what of it is held
         self._head: bytes | None = None
-        self._begun = False
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._transport, name)
 
     def write(self, data: bytes) -> None:
         """Send it; hold it until the loop's next turn where it is the first."""
-        if self._begun:
-            self._send(data)
-        else:
-            self._begun, self._head = True, data
+        if self._head is None:
+            self._head = data
             self._loop.call_soon(self._send)
+        else:
+            self._send(data)
 
     def close(self) -> None:
         """Close after what was written."""
@@ -40,6 +40,6 @@ class Answers:
         self._close()
 
     def _send(self, data: bytes = b"") -> None:
-        head, self._head = self._head, None
-        if head is not None or data:
-            self._transport.write((head or b"") + data)
+        whole, self._head = (self._head or b"") + data, b""
+        if whole:
+            self._transport.write(whole)

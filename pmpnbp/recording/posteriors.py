@@ -73,14 +73,13 @@ def _centre(arrays: Mapping[str, NDArray[Any]]) -> Centre | None:
 def check_posterior_fits(problem: Problem, posterior: Posterior) -> None:
     """RecordingError where arrays of a posterior from elsewhere have other shapes or kinds than its problem makes, its
     weights are none, or its fit."""
-    with np.errstate(all="ignore"):  # whatever the numbers are, it is told once
-        fits = _fits(problem, posterior)
-    if not fits:
+    if not _fits(problem, posterior):
         raise RecordingError(
             f"the posterior of iteration {posterior.iteration} does not fit the model of its recording"
         )
 
 
+@np.errstate(all="ignore")  # whatever the numbers are, it is told once
 def _fits(problem: Problem, posterior: Posterior) -> bool:
     if posterior.log_weights.ndim != 1 or posterior.log_weights.dtype.kind != "f":
         return False

@@ -23,12 +23,11 @@ _MOST_DISTANT = 1e4
 
 def check_fits(problem: Problem, report: IterationReport) -> None:
     """RecordingError where arrays of a report have other shapes or kinds than its problem makes, or a pose is none."""
-    with np.errstate(all="ignore"):  # whatever the numbers are, it is told once
-        fits = _fits(problem, report)
-    if not fits:
+    if not _fits(problem, report):
         raise RecordingError(f"iteration {report.iteration} does not fit the model of its recording")
 
 
+@np.errstate(all="ignore")  # whatever the numbers are, it is told once
 def _fits(problem: Problem, report: IterationReport) -> bool:
     nodes, dof = problem.mrf.nodes, problem.mrf.model.dof
     belief, messages = report.belief, report.messages

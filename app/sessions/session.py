@@ -131,6 +131,7 @@ class Session(Source):
             self._closed = True
         self.read_outs.close()
         self._worker.finish(self._pause)
+        self._slots.leave(self)  # the last command's nudge may have come after its rest
         self.events.close()
 
     # What it tells
@@ -188,8 +189,7 @@ class Session(Source):
             self.archive.check()
             if self._goal is not None:
                 raise HttpProblem(409, f"session '{self.id}' is {self.state}; pause it first")
-            self._goal, self._target, self._until = goal, goal.last, goal.until
-            self._error = None
+            self._goal, self._target, self._until, self._error = goal, goal.last, goal.until, None
             self.state = "running" if self._slots.take(self) else "waiting"
             self._worker.wake()
 

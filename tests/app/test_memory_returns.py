@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import gc
+import threading
 import time
 import weakref
 from collections.abc import Callable
 from typing import Any
 
+import pytest
+
+from app.sessions.run_queue import RunQueue
 from tests.app import small_sessions as small
 from tests.app.open_views import drawn, looking, painter, until
 
@@ -66,4 +70,24 @@ def test_nothing_of_a_deleted_session_stays(serve: Callable[..., Any]) -> None:
         }
         del session, newest
         assert served.client.delete(path).status_code == 204
+    assert alive(left) == []
+
+
+def test_a_nudge_that_comes_late_holds_no_deleted_session(
+    serve: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A command's thread may have done it, and ended, before whoever gave the command goes on."""
+    prompt = RunQueue.nudge
+
+    def late(queue: RunQueue, owner: object) -> None:
+        for thread in threading.enumerate():
+            if thread.name.startswith("session-") and thread is not threading.current_thread():
+                thread.join()
+        prompt(queue, owner)
+
+    served = serve().ready()
+    path = small.after(served.client, 1)
+    left = {"session": weakref.ref(served.app.state.sessions.get(path.rpartition("/")[2]))}
+    monkeypatch.setattr(RunQueue, "nudge", late)
+    assert served.client.delete(path).status_code == 204
     assert alive(left) == []

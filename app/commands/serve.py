@@ -20,7 +20,7 @@ from fastapi import FastAPI
 
 from app.http import descriptors
 from app.http.protocols import HttpProtocol, WebsocketProtocol
-from app.memory import keep_for_good
+from app.memory import hold_less, keep_for_good
 from app.server_config import ServerConfig, config_from
 from pmpnbp.errors import PmpnbpError
 
@@ -91,6 +91,7 @@ def serve(config: ServerConfig, level: int, opened: Callable[[FastAPI, ServerCon
     logging.basicConfig(level=level, format="%(levelname)s: %(name)s: %(message)s", stream=sys.stderr)
     quiet_libraries()
     descriptors.raise_limit()
+    hold_less()
     listening = _listen(config)
     config = replace(config, port=listening.getsockname()[1])
     from app.server import close_all, create_app, open_all  # seconds of imports: bad settings are said before

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
+import subprocess
+import sys
 import threading
 import time
 import weakref
@@ -14,6 +17,23 @@ import pytest
 from app.sessions.run_queue import RunQueue
 from tests.app import small_sessions as small
 from tests.app.open_views import drawn, looking, painter, until
+
+# Where a large block was freed: is the next one mapped on its own again?
+LARGE_TWICE = """
+import ctypes, sys
+from app.memory import MAPPED_FROM, hold_less
+glibc = ctypes.CDLL(None)
+glibc.malloc.restype, glibc.free.argtypes = ctypes.c_void_p, [ctypes.c_void_p]
+class Info(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_size_t) for name in "arena ordblks smblks hblks hblkhd a b c d e".split()]
+glibc.mallinfo2.restype = Info
+if sys.argv[1] == "held less":
+    hold_less()
+glibc.free(glibc.malloc(MAPPED_FROM + 4096))
+before = glibc.mallinfo2().hblks
+glibc.malloc(MAPPED_FROM + 4096)
+print(glibc.mallinfo2().hblks - before)
+"""
 
 
 def alive(references: dict[str, weakref.ref[Any]]) -> list[str]:
@@ -91,3 +111,10 @@ def test_a_nudge_that_comes_late_holds_no_deleted_session(
     monkeypatch.setattr(RunQueue, "nudge", late)
     assert served.client.delete(path).status_code == 204
     assert alive(left) == []
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="glibc's own figures")
+@pytest.mark.parametrize(("how", "mapped"), [("held less", "1"), ("left to itself", "0")])
+def test_what_is_large_goes_back_by_itself(how: str, mapped: str) -> None:
+    told = subprocess.run([sys.executable, "-c", LARGE_TWICE, how], capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == mapped

@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,10 @@ RATE, ECONOMY_RATE = 12.0, 0.5
 SHARED, SHARED_AT_MOST = 0.84, 0.4
 # Stages kept: of the session, of the one it is compared with, and of one of them before a change.
 STAGES = 3
+
+# A view's first picture makes every node of its scene, 50 ms of the interpreter: one view at a time, so that those who
+# open many at once let others have their answers in between.
+_beginning = threading.Lock()
 
 _log = logging.getLogger("pmpnbp.server")
 
@@ -167,9 +172,10 @@ class Painter:
         scene = self._scenery.frame(
             key, lambda: frame(snapshot, state, own, compared=against, next_views=planned(snapshot, state))
         )
-        self._begin(own)
-        assert self._drawing is not None
-        self._drawing.draw(scene)
+        with nullcontext() if self._drawing else _beginning:
+            self._begin(own)
+            assert self._drawing is not None
+            self._drawing.draw(scene)
         self._snapshot, self._scene, self._drawn_key = snapshot, scene, key
         serial = 1 if self._view.drawn is None else self._view.drawn.serial + 1
         self._view.drawn = DrawnScene(iteration=snapshot.iteration, particles=dict(scene.particles), serial=serial)

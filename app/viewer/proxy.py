@@ -60,21 +60,21 @@ async def connect(websocket: WebSocket, session_id: str) -> None:
     state, view_id = websocket.app.state, websocket.path_params.get("view_id") or new_view_id()
     try:
         view: View = await anyio.to_thread.run_sync(state.views.join, session_id, view_id, state.sessions.get)
-    except HttpProblem as problem:
+        try:
+            await _pass_on(websocket, view)
+        finally:
+            state.views.leave(view)
+    except HttpProblem as problem:  # before anything was accepted
         await problem_response(problem)(websocket.scope, websocket.receive, websocket.send)
-        return
-    try:
-        await _pass_on(websocket, view)
-    finally:
-        state.views.leave(view)
 
 
 async def _pass_on(websocket: WebSocket, view: View) -> None:
+    url, secret = await anyio.to_thread.run_sync(view.address)
     protocols = [Subprotocol(name) for name in websocket.scope["subprotocols"]]
     async with websockets.asyncio.client.connect(
-        view.url,
+        url,
         subprotocols=protocols or None,
-        additional_headers={SECRET_HEADER: view.secret},
+        additional_headers={SECRET_HEADER: secret},
         compression=None,
         max_size=None,
         max_queue=AHEAD,

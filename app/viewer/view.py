@@ -54,7 +54,7 @@ class ViewStatus(ViewState):
 class View:
     """A view of `source` (None: of nothing), which is the session `session_id`. Thread-safe.
 
-    server, secret : viser's, and what its connections carry; opened with the first client
+    server : viser's; opened with the first client
     clients : browsers that show it; keepers : all that keep it from being closed; painter : who draws it
     pace : pictures a second, at most; slowed : why it is drawn much less often than it could be, or None
     """
@@ -77,6 +77,8 @@ class View:
         self._revision = 0
         self._told: dict[str, Any] = {}
         self._listeners: dict[object, Callable[[str], None]] = {}
+        # apart from the other, so that nobody who asks for the state waits while viser starts
+        self._opening = threading.Lock()
         self._opened: tuple[viser.ViserServer, str] | None = None
         self.closed = False
 
@@ -85,15 +87,11 @@ class View:
         """viser's server of the view."""
         return self._open()[0]
 
-    @property
-    def secret(self) -> str:
-        """What a connection to the server has to carry."""
-        return self._open()[1]
-
-    @property
-    def url(self) -> str:
-        """Where its websocket is; for this process only."""
-        return address(self.server)
+    def address(self) -> tuple[str, str]:
+        """Where its websocket is, and the secret that a connection has to carry; for this process only. Like `server`
+        it waits while viser starts."""
+        server, secret = self._open()
+        return address(server), secret
 
     @property
     def state(self) -> ViewState:
@@ -148,16 +146,16 @@ class View:
             if self.closed:
                 return
             self.closed = True
-            opened = self._opened
             last_left = self.last_left
         if last_left is not None:
             last_left.cancel()
         self.tell("closed")
-        if opened is not None:
-            opened[0].stop()
+        with self._opening:
+            if self._opened is not None:
+                self._opened[0].stop()
 
     def _open(self) -> tuple[viser.ViserServer, str]:
-        with self._lock:
+        with self._opening:
             if self.closed:
                 raise HttpProblem(404, f"view '{self.view_id}' is closed")
             if self._opened is None:

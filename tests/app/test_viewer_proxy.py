@@ -6,8 +6,10 @@ import asyncio
 import logging
 import re
 import socket
+import threading
 import time
 from collections.abc import Callable, Coroutine
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import httpx
@@ -19,7 +21,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from app.commands.serve import quiet_libraries
 from app.problems import HttpProblem
 from app.viewer.views import Views
-from app.viewer.viser_server import SECRET_HEADER
+from app.viewer.viser_server import SECRET_HEADER, open_server
 from benchmarks.view_socket import PROTOCOL
 
 SESSION = "0123456789abcdef"
@@ -86,6 +88,32 @@ def test_viser_answers_through_the_proxy(viewed: Any, path: str) -> None:
             assert isinstance(first, bytes) and len(first) > 16
 
     do(talk())
+
+
+def test_nobody_waits_while_a_view_of_others_starts(viewed: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Starting viser takes a tenth of a second of the processor, and one view starts after the other."""
+    asked, go_on = threading.Event(), threading.Event()
+
+    def slow() -> Any:
+        asked.set()
+        go_on.wait()
+        return open_server()
+
+    async def talk() -> None:
+        async with connect(viewed, f"/sessions/{SESSION}/view/slow") as websocket:
+            assert isinstance(await websocket.recv(), bytes)
+
+    monkeypatch.setattr("app.viewer.view.open_server", slow)
+    with ThreadPoolExecutor(1) as pool, httpx.Client(base_url=viewed.url) as client:
+        connected = pool.submit(do, talk())
+        try:
+            asked.wait()
+            assert client.get("/healthz").status_code == 200
+            view = viewed.app.state.views._views[SESSION, "slow"]
+            assert view.answer()["clients"] == 1  # what the page asks for
+        finally:
+            go_on.set()
+        connected.result()
 
 
 def test_two_clients_of_one_view_see_one_scene_and_another_view_does_not(viewed: Any) -> None:
@@ -192,12 +220,13 @@ def test_the_loopback_port_is_closed_to_everybody_else(viewed: Any) -> None:
     async def talk() -> None:
         async with connect(viewed, f"/sessions/{SESSION}/view/mine"):
             view = viewed.app.state.views._views[SESSION, "mine"]
-            for headers in ({}, {SECRET_HEADER: ""}, {SECRET_HEADER: "0" * 64}, {SECRET_HEADER: view.secret[:-1]}):
+            url, secret = view.address()
+            for headers in ({}, {SECRET_HEADER: ""}, {SECRET_HEADER: "0" * 64}, {SECRET_HEADER: secret[:-1]}):
                 with pytest.raises(InvalidStatus) as found:
-                    async with websockets.asyncio.client.connect(view.url, additional_headers=headers, proxy=None):
+                    async with websockets.asyncio.client.connect(url, additional_headers=headers, proxy=None):
                         pass
                 assert found.value.response.status_code == 403
-            url = view.url.replace("ws", "http")
+            url = url.replace("ws", "http")
             async with httpx.AsyncClient(trust_env=False) as client:
                 assert (await client.get(url + "/")).status_code == 403
             # and it is not listened to from outside at all

@@ -17,7 +17,9 @@ from pmpnbp.inference.problem import Problem
 _MIB = 1 << 20
 # Bytes: of every session; and more for each part, each particle of a part, and each hypothesis that the search tries,
 # of each part.
-SESSION, PART, PARTICLE, HYPOTHESIS = 30 * _MIB, 4 * _MIB, 5 << 10, 500
+SESSION, PART, PARTICLE, HYPOTHESIS = 30 * _MIB, 4 * _MIB, 3 << 10, 500
+# More for each joint position that is tried for a message's sample: there, the sender's part is posed and scored.
+DRAW = 160
 # More for each pixel of a scan's working image, and each particle's pixel where it is rendered.
 PIXEL = 300
 # More for each triangle of a part in the inference, and each point that stands for a part.
@@ -34,7 +36,8 @@ def estimated_bytes(problem: Problem) -> int:
     pixels = sum(view.depth.size for view in problem.observation.views)
     of_a_part = PART + PARTICLE * problem.particles + POINT * chosen.splat_points + TRIANGLE * chosen.triangles
     searched = HYPOTHESIS * problem.search_proposals if chosen.search_iterations else 0
-    return SESSION + parts * (of_a_part + searched) + PIXEL * pixels
+    drawn = DRAW * len(problem.mrf.sender) * problem.particles * chosen.joint_draws
+    return SESSION + parts * (of_a_part + searched) + drawn + PIXEL * pixels
 
 
 class MemoryRoom:
@@ -91,11 +94,12 @@ class MemoryRoom:
 
 def _sentence(problem: Problem, need: int, left: int) -> str:
     asked = (
-        f"{len(problem.mrf.model.parts)} parts of {problem.particles} particles and {problem.search_proposals} "
-        "hypotheses of the search"
+        f"{len(problem.mrf.model.parts)} parts of {problem.particles} particles, {problem.settings.joint_draws} joint "
+        f"draws and {problem.search_proposals} hypotheses of the search"
     )
     # what is needed is rounded up, what there is down: they never look alike
     return (
         f"the session would take about {-(-need // _MIB):,} MiB of memory, for {asked}, and there are "
-        f"{left // _MIB:,} MiB; ask for fewer particles or a smaller 'search_proposals', or delete other sessions"
+        f"{left // _MIB:,} MiB; ask for fewer particles, or for a smaller 'joint_draws' or 'search_proposals', or delete "
+        "other sessions"
     )

@@ -35,7 +35,7 @@ def room(most: int | None = None, free: int | None = None, taken: int = 0, runni
 
 def test_the_estimate_grows_with_what_takes_memory(problem: Problem) -> None:
     least = estimated_bytes(problem)
-    for more in ({"search_proposals": 200_000}, {"splat_points": 4096}, {"triangles": 100_000}):
+    for more in ({"search_proposals": 200_000}, {"splat_points": 4096}, {"triangles": 100_000}, {"joint_draws": 256}):
         assert estimated_bytes(replace(problem, settings=changed(problem.settings, more))) > least, more
     assert estimated_bytes(replace(problem, particles=20_000)) > least
     seen = problem.observation

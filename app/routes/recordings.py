@@ -6,10 +6,10 @@ from pathlib import PurePath
 from typing import Any
 
 from fastapi import Request, Response
-from fastapi.responses import FileResponse
 from pydantic import Field
 
 from app.documentation import BINARY
+from app.http.file_answers import FileAnswer
 from app.problems import responses
 from app.routes.entries import IF_NONE_MATCH, Stored, entry_routes, form, not_modified, store_of
 from app.routes.parameters import sessions_of
@@ -50,9 +50,9 @@ router = entry_routes(
 
 @router.get(
     "/recordings/{recording_id}/file",
-    response_class=FileResponse,
+    response_class=FileAnswer,
     summary="Download an uploaded recording",
-    responses=FILE | responses(404),
+    responses=FILE | responses(404, 416),
 )
 def download_recording(recording_id: str, request: Request) -> Response:
     """The SQLite file, byte for byte as it was uploaded."""
@@ -61,7 +61,7 @@ def download_recording(recording_id: str, request: Request) -> Response:
         return not_modified(etag(document))
     name = PurePath(safe_name(document["file_name"])).stem + ".sqlite"
     file = store_of(request).file("recordings", recording_id)
-    return FileResponse(file, media_type=MEDIA_TYPE, filename=name, headers={"ETag": etag(document)})
+    return FileAnswer(file, media_type=MEDIA_TYPE, filename=name, headers={"ETag": etag(document)})
 
 
 @router.delete(

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from fastapi import APIRouter, Request, Response
-from fastapi.responses import FileResponse
 
+from app.http.file_answers import FileAnswer
 from app.problems import HttpProblem
 from app.routes.entries import not_modified
 from app.uploads.uploads import unchanged
@@ -55,5 +55,5 @@ def _file(name: str, request: Request) -> Response:
     if name not in files:
         raise HttpProblem(404, f"page file '{name}' is not here; there are {', '.join(sorted(files)) or 'none'}")
     path = files[name]
-    answer = FileResponse(path, media_type=MEDIA_TYPES[path.suffix], stat_result=path.stat())
+    answer = FileAnswer(path, media_type=MEDIA_TYPES[path.suffix], stat_result=path.stat())
     return not_modified(answer.headers["etag"]) if unchanged(request, answer.headers["etag"]) else answer

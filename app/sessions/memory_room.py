@@ -100,6 +100,6 @@ def _sentence(problem: Problem, need: int, left: int) -> str:
     # what is needed is rounded up, what there is down: they never look alike
     return (
         f"the session would take about {-(-need // _MIB):,} MiB of memory, for {asked}, and there are "
-        f"{left // _MIB:,} MiB; ask for fewer particles, or for a smaller 'joint_draws' or 'search_proposals', or delete "
-        "other sessions"
+        f"{left // _MIB:,} MiB; ask for fewer particles or a smaller 'joint_draws' or 'search_proposals', or "
+        "delete other sessions"
     )

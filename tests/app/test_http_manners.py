@@ -107,3 +107,22 @@ def test_a_link_can_be_looked_at_first(serve: Callable[..., Any]) -> None:
     with socket.create_connection(("127.0.0.1", served.config.port)) as connection:
         connection.sendall(head("HEAD", "/?token=secret", "Connection: close"))
         assert everything(connection).startswith(b"HTTP/1.1 303")
+
+
+@pytest.mark.parametrize(
+    ("ranges", "status"),
+    [("bytes=0-9", 206), ("bytes=5-1", 400), ("bytes=" + "-" * 200, 400), ("bytes=99999999-", 416)],
+)
+@pytest.mark.parametrize("path", ["/static/style.css", "/api/v1/recordings/{recording_id}/file"])
+def test_a_range_that_cannot_be_had_is_a_problem(
+    served: Any, known: dict[str, str], path: str, ranges: str, status: int
+) -> None:
+    answer = served.client.get(path.format_map(known), headers={"Range": ranges})
+    assert answer.status_code == status
+    if status == 206:
+        assert len(answer.content) == 10 and answer.headers["content-range"].startswith("bytes 0-9/")
+    else:
+        assert "expected bytes=FIRST-LAST" in detail(answer, status)
+    if status == 416:
+        assert answer.headers["content-range"].startswith("bytes */")
+    assert served.client.get(path.format_map(known)).status_code == 200

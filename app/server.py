@@ -35,6 +35,7 @@ from app.routes import (
     start_page,
     views,
 )
+from app.routes.turns import Turns
 from app.security import Access, Headers
 from app.server_config import ServerConfig
 from app.sessions.sessions import Sessions
@@ -90,6 +91,7 @@ def create_app(config: ServerConfig, parsers: Parsers | None = None) -> FastAPI:
     app.state.shared_parsers = parsers
     app.state.traffic = Traffic()
     app.state.connections = connections_for(config)
+    app.state.turns = Turns()
     app.state.ready = False
     app.state.stopping = False
     app.state.open = False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 
 import httpx
@@ -22,6 +23,9 @@ COUNTED = 10.0
 # Of the undisturbed rate, beside VIEWS views whose browsers are on the same machine.
 LEAST_RATE = 0.4
 MOST_KEPT = 300 * MIB
+# Long decisions that one client asks for at once, each about so many places to look from, and the share of the rate
+# that they may leave to a session that iterates.
+DECISIONS, PLACES, LEAST_BESIDE_DECISIONS = 40, 100, 0.2
 # Of one call beside the views, seconds.
 PATIENCE = 60.0
 # A view outlives its last browser by a minute.
@@ -29,8 +33,10 @@ LINGER = 90.0
 
 
 def attack(target: Target, outcome: Outcome) -> None:
-    """All three."""
+    """All four."""
     _uploads(target, outcome)
+    _decisions(target, outcome)
+    target.clean()
     _views(target, outcome)
     target.clean()
     _large_sessions(target, outcome)
@@ -79,6 +85,35 @@ def _status(connection: socket.socket) -> str:
     except OSError as error:
         return type(error).__name__
     return data.split()[1].decode() if data.startswith(b"HTTP/") else "closed"
+
+
+def _decisions(target: Target, outcome: Outcome) -> None:
+    """Many that compute long, of one client; another's session iterates."""
+    outcome.did.append(f"{DECISIONS} decisions at once about {PLACES} places each, by one client")
+    upright = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+    places = [{"position": {"x": 0.1 * at, "y": -1.0, "z": 1.0}, "orientation": upright} for at in range(PLACES)]
+    asked = {"views": [{"pose": pose, "cost": 1.0} for pose in places], "max_std": 1e-5}
+
+    def decide(session: str) -> None:
+        with target.client(timeout=COUNTED) as client, suppress(httpx.HTTPError):  # who gives up has gone
+            client.post(f"{session}/decision", json=asked)
+
+    with target.client(OTHER, timeout=PATIENCE) as client:
+        seen = entries.small_session(target, client, 8)
+        session = entries.small_session(target, client, 1, particles=400)
+        client.post(f"{session}/run", json={"iterations": 100_000}).raise_for_status()
+        undisturbed = _rate(client, session)
+        with ThreadPoolExecutor(DECISIONS) as pool, Watch(target, patience=20) as watch:
+            pool.map(decide, [seen] * DECISIONS)
+            disturbed = _rate(client, session)
+        outcome.happened.append(
+            f"decisions: {undisturbed:.1f} iterations/s before, {disturbed:.1f} beside them; {watch.told()}"
+        )
+        outcome.expect(
+            disturbed >= LEAST_BESIDE_DECISIONS * undisturbed,
+            f"decisions: {disturbed:.1f} iterations/s beside {DECISIONS} of them, {undisturbed:.1f} without",
+        )
+        outcome.expect(not watch.unserved, f"decisions: {watch.unserved} calls of another caller were not served")
 
 
 def _views(target: Target, outcome: Outcome) -> None:

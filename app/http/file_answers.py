@@ -24,10 +24,10 @@ class FileAnswer(FileResponse):
             nonlocal refused
             if message["type"] == "http.response.start" and message["status"] >= 400:
                 refused = True
-                headers = Headers(raw=message["headers"])
-                size = {name: headers[name] for name in ("content-range",) if name in headers}
+                size = Headers(raw=message["headers"]).get("content-range")
                 asked = Headers(scope=scope).get("range", "")[:_MOST]
-                problem = HttpProblem(message["status"], _NO_RANGE.format(range=asked), headers=size)
+                headers = {} if size is None else {"Content-Range": size}
+                problem = HttpProblem(message["status"], _NO_RANGE.format(range=asked), headers=headers)
                 await problem_response(problem)(scope, receive, send)
             elif not refused:
                 await send(message)

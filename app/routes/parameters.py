@@ -75,11 +75,16 @@ async def read_out(request: Request, source: Source, snapshot: Snapshot) -> Snap
     try:
         await asyncio.wait((asked, gone), return_when=asyncio.FIRST_COMPLETED)
         if not asked.done():
-            raise HttpProblem(408, "the client has gone before its answer was there")
+            raise client_gone()
         return asked.result()
     finally:
         asked.cancel()
         gone.cancel()
+
+
+def client_gone() -> HttpProblem:
+    """What ends a call that nobody waits for any more, and nobody hears."""
+    return HttpProblem(408, "the client has gone before its answer was there")
 
 
 async def _gone(request: Request) -> None:

@@ -11,8 +11,8 @@ from weakref import WeakValueDictionary
 
 from fastapi import Request
 
-from app.problems import HttpProblem
 from app.rate_limit import client_of
+from app.routes.parameters import client_gone
 
 # Computations that go on at once.
 AT_ONCE = 2
@@ -37,5 +37,5 @@ async def in_turn(request: Request) -> AsyncIterator[None]:
     """The turn of a call that computes long. HttpProblem 408, which nobody hears, where its client did not wait."""
     async with request.app.state.turns.one(client_of(request.scope)):
         if await request.is_disconnected():
-            raise HttpProblem(408, "the client has gone before its answer was there")
+            raise client_gone()
         yield

@@ -94,9 +94,12 @@ def _decisions(target: Target, outcome: Outcome) -> None:
     places = [{"position": {"x": 0.1 * at, "y": -1.0, "z": 1.0}, "orientation": upright} for at in range(PLACES)]
     asked = {"views": [{"pose": pose, "cost": 1.0} for pose in places], "max_std": 1e-5}
 
-    def decide(session: str) -> None:
-        with target.client(timeout=COUNTED) as client, suppress(httpx.HTTPError):  # who gives up has gone
-            client.post(f"{session}/decision", json=asked)
+    def decide(session: str) -> str:
+        with target.client(timeout=COUNTED) as client:
+            try:
+                return str(client.post(f"{session}/decision", json=asked).status_code)
+            except httpx.TimeoutException:
+                return "given up"
 
     with target.client(OTHER, timeout=PATIENCE) as client:
         seen = entries.small_session(target, client, 8)
@@ -104,11 +107,15 @@ def _decisions(target: Target, outcome: Outcome) -> None:
         client.post(f"{session}/run", json={"iterations": 100_000}).raise_for_status()
         undisturbed = _rate(client, session)
         with ThreadPoolExecutor(DECISIONS) as pool, Watch(target, patience=20) as watch:
-            pool.map(decide, [seen] * DECISIONS)
+            answers = pool.map(decide, [seen] * DECISIONS)
             disturbed = _rate(client, session)
+            told = Counter(answers)
         outcome.happened.append(
-            f"decisions: {undisturbed:.1f} iterations/s before, {disturbed:.1f} beside them; {watch.told()}"
+            "decisions: "
+            + ", ".join(f"{count} × {answer}" for answer, count in told.items())
+            + f"; {undisturbed:.1f} iterations/s before, {disturbed:.1f} beside them; {watch.told()}"
         )
+        outcome.expect(set(told) <= {"200", "429", "given up"}, f"decisions: answered with {dict(told)}")
         outcome.expect(
             disturbed >= LEAST_BESIDE_DECISIONS * undisturbed,
             f"decisions: {disturbed:.1f} iterations/s beside {DECISIONS} of them, {undisturbed:.1f} without",

@@ -19,6 +19,7 @@ from app.page_cookie import page_cookie
 from app.pictures.pictures import Pictures
 from app.rate_limit import RateLimit, Traffic
 from app.routes import (
+    beliefs,
     decisions,
     events,
     graph,
@@ -53,8 +54,9 @@ ROUTERS = (
     sessions.router,
     samples.router,
     graph.router,
-    # before the results: a belief's particles are no link's name
+    # before the beliefs: a belief's particles are no link's name
     particles.router,
+    beliefs.router,
     results.router,
     decisions.router,
     pictures.router,
@@ -91,7 +93,8 @@ def create_app(config: ServerConfig, parsers: Parsers | None = None) -> FastAPI:
     app.state.shared_parsers = parsers
     app.state.traffic = Traffic()
     app.state.connections = connections_for(config)
-    app.state.turns = Turns()
+    app.state.long_turns = Turns()
+    app.state.short_turns = Turns()
     app.state.ready = False
     app.state.stopping = False
     app.state.open = False

@@ -13,7 +13,7 @@ from app import schemas_results as schemas
 from app.next_views import WORTH, next_views, ranking, uncertain
 from app.problems import HttpProblem, responses
 from app.routes.parameters import Iteration, SessionId, told
-from app.routes.turns import in_turn
+from app.routes.turns import long_turn
 from app.schemas import DecisionRequest
 from app.sessions.source import Source
 from pmpnbp.geometry import poses
@@ -52,7 +52,7 @@ async def get_decision(
     read out for it, where the inference is not at rest; during the search there is none, and nothing to act on."""
     asked = None if links is None else list(dict.fromkeys(links.split(",")))
     session, snapshot = await told(request, session_id, iteration, asked or ())
-    async with in_turn(request):
+    async with long_turn(request):
         return await anyio.to_thread.run_sync(_decided, session, snapshot, asked, max_std, None)
 
 
@@ -68,7 +68,7 @@ async def post_decision(session_id: SessionId, request: Request, body: DecisionR
     views = None if body.views is None else [PlannedView(_pose(view.pose), view.cost) for view in body.views]
     asked = None if body.links is None else list(dict.fromkeys(body.links))
     session, snapshot = await told(request, session_id, None, asked or ())
-    async with in_turn(request):
+    async with long_turn(request):
         return await anyio.to_thread.run_sync(_decided, session, snapshot, asked, body.max_std, views)
 
 

@@ -12,6 +12,7 @@ import anyio.to_thread
 from fastapi import Depends, Path, Query, Request
 
 from app.problems import HttpProblem
+from app.routes.turns import client_gone, long_turn
 from app.sessions.session import Session
 from app.sessions.sessions import Sessions
 from app.sessions.source import Source
@@ -68,8 +69,15 @@ async def told(
 
 
 async def read_out(request: Request, source: Source, snapshot: Snapshot) -> Snapshot:
-    """The snapshot with its posterior, for calls in the event loop: it is read out elsewhere, for as long as the client
-    stays. HttpProblem 409, and 408, which nobody hears."""
+    """The snapshot with its posterior, for calls in the event loop: it is read out elsewhere, in the client's turn and
+    for as long as it stays. HttpProblem 409, and 408, which nobody hears."""
+    if snapshot.placed.posterior is not None or snapshot.report.searching:
+        return snapshot
+    async with long_turn(request):
+        return await _read_out(request, source, snapshot)
+
+
+async def _read_out(request: Request, source: Source, snapshot: Snapshot) -> Snapshot:
     asked = asyncio.wrap_future(source.read_outs.ask(snapshot))
     gone = asyncio.ensure_future(_gone(request))
     try:
@@ -80,11 +88,6 @@ async def read_out(request: Request, source: Source, snapshot: Snapshot) -> Snap
     finally:
         asked.cancel()
         gone.cancel()
-
-
-def client_gone() -> HttpProblem:
-    """What ends a call that nobody waits for any more, and nobody hears."""
-    return HttpProblem(408, "the client has gone before its answer was there")
 
 
 async def _gone(request: Request) -> None:

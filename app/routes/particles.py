@@ -10,8 +10,9 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from app.documentation import PICTURE
 from app.pictures.particle_picture import LONGEST, NARROWEST, particle_picture
 from app.problems import HttpProblem, responses
-from app.routes.named import Link, NamedRoute
+from app.routes.named import Link
 from app.routes.parameters import Iteration, SessionId, read
+from app.routes.turns import ShortTurnRoute
 from app.schemas_particles import HeaviestParticles, Marginals, ParticleReasons
 from app.sessions.source import Source, no_view
 from pmpnbp.inference.belief import SOURCES
@@ -22,7 +23,7 @@ from pmpnbp.readout.result import number_or_list
 from pmpnbp.readout.snapshot import Snapshot
 from pmpnbp.scene.articulated_object import parts_of_links
 
-router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"], route_class=NamedRoute)
+router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"], route_class=ShortTurnRoute)
 
 Index = Annotated[int, Path(ge=0, le=2**31, description="number of the particle, counted from 0")]
 _NOT_HERE = responses(409, status_404="The session, the link or the iteration is not here.")

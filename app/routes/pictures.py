@@ -11,8 +11,9 @@ from app.pictures.part_images import DrawingError
 from app.pictures.pictures import LONGEST, Pictures
 from app.problems import HttpProblem, responses
 from app.routes.parameters import SessionId, read
+from app.routes.turns import ShortTurnRoute
 
-router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"])
+router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"], route_class=ShortTurnRoute)
 
 NARROWEST = 32
 

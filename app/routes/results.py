@@ -8,44 +8,35 @@ import time
 from collections.abc import Mapping
 from pathlib import Path as FilePath
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any, BinaryIO, Literal
+from typing import Annotated, BinaryIO, Literal
 
 import anyio.to_thread
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
 from app import schemas_results as schemas
 from app.documentation import BINARY, answer
-from app.particle_files import MEDIA_TYPES, Format, written
+from app.particle_files import Format, written
 from app.problems import HttpProblem, responses
-from app.routes.named import Link, NamedRoute, two_names
-from app.routes.parameters import Iteration, SessionId, check_links, find_source, read, read_out, sessions_of, told
+from app.routes.named import Link, NamedRoute
+from app.routes.parameters import Iteration, SessionId, find_source, read_out, sessions_of, told
+from app.routes.particle_answers import FILES, FormatQuery, file_of, members_of
 from app.routes.recordings import MEDIA_TYPE
+from app.routes.turns import short_turn
 from app.sessions.source import Source
 from app.store.store import safe_name
 from pmpnbp.errors import storage_told
-from pmpnbp.geometry import poses
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.coordinates import coordinates
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.readout.snapshot import Snapshot
-from pmpnbp.scene.articulated_object import parts_of_links
 
 router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"], route_class=NamedRoute)
 
-FormatQuery = Annotated[
-    Format,
-    Query(
-        alias="format",
-        description="json; npz with the arrays `particles` and `log_weights`; ply, a vertex with x y z qw qx qy qz "
-        "log_weights each",
-    ),
-]
 Wait = Literal["certain", "converged", "idle"]
 # Bytes of a recording sent at a time.
 _CHUNK = 1 << 18
-_FILES = {"application/octet-stream": BINARY}
 
 
 @router.get(
@@ -67,29 +58,39 @@ async def get_estimate(
     """result.json with `session_id` and `state`. With `wait` the answer comes as soon as that is so, or the session
     does not iterate, or the time is over; the answer itself tells which. Members of the posterior are null before the
     inference is at rest, unless `posterior` asks for them; during the search there is none."""
-    # the newest at once where it was asked for before; all else in a thread
     session = await find_source(request, session_id)
-    snapshot = session.archive.present
-    if snapshot is None or iteration is not None or wait is not None:
-        snapshot = await anyio.to_thread.run_sync(_asked_for, session, iteration, wait, timeout)
+    if iteration is not None:
+        async with short_turn(request):
+            snapshot = await anyio.to_thread.run_sync(_recorded, session, iteration)
+    else:
+        snapshot = await _newest(session, wait, timeout)
     tail = json_bytes({"session_id": session.id, "state": session.state})
     if posterior:
         snapshot = await read_out(request, session, snapshot)
     snapshot.asked.set()
     text = snapshot.known_text
     if text is None:
-        text = await anyio.to_thread.run_sync(_result_text, snapshot)
+        text = await anyio.to_thread.run_sync(_text, snapshot)
     return Response(text[:-1] + b"," + tail[1:], media_type="application/json")
 
 
-def _result_text(snapshot: Snapshot) -> bytes:
+def _recorded(session: Source, iteration: int) -> Snapshot:
+    """With its text made, so that it is made in turn."""
+    snapshot = session.archive.read(iteration)
+    _text(snapshot)
+    return snapshot
+
+
+def _text(snapshot: Snapshot) -> bytes:
     return snapshot.result_text
 
 
-def _asked_for(session: Source, iteration: int | None, wait: Wait | None, timeout: float) -> Snapshot:
-    if wait is not None and iteration is None:
-        _await(session, wait, timeout)
-    return session.archive.read(iteration)
+async def _newest(session: Source, wait: Wait | None, timeout: float) -> Snapshot:
+    """At once where it was asked for before, else from a thread."""
+    if wait is not None:
+        await anyio.to_thread.run_sync(_await, session, wait, timeout)
+    present = session.archive.present
+    return await anyio.to_thread.run_sync(session.archive.read) if present is None else present
 
 
 def _await(session: Source, wait: Wait, timeout: float) -> None:
@@ -108,31 +109,10 @@ def _await(session: Source, wait: Wait, timeout: float) -> None:
 
 
 @router.get(
-    "/beliefs/{link:path}",
-    response_class=Response,
-    summary="The belief about a link",
-    responses=answer("The particles.", model=schemas.BeliefParticles, content=_FILES)
-    | responses(409, status_404="The session, the link or the iteration is not here."),
-)
-def get_belief(
-    session_id: SessionId, link: Link, request: Request, iteration: Iteration = None, form: FormatQuery = "json"
-) -> Response:
-    """Its particles: poses of the link in world, metres, with log weights. Links that move as one part have the part's
-    particles, carried to each of them."""
-    session, snapshot = read(request, session_id, iteration, [link])
-    model, belief = snapshot.problem.mrf.model, snapshot.report.belief
-    node = parts_of_links(model)[link]
-    particles = snapshot.placed.particles[:, model.links.index(link)]
-    members = _members(session, snapshot) | {"link": link, "part": model.parts[node].name}
-    columns = {"log_weights": belief.log_weights[node], "log_unary": belief.log_unary[node]}
-    return _file(f"{link}-{snapshot.iteration}", written(members, particles, columns, form), form)
-
-
-@router.get(
     "/posterior/{link:path}",
     response_class=Response,
     summary="Where a link may be, given the scan",
-    responses=answer("The draws.", model=schemas.PosteriorDraws, content=_FILES)
+    responses=answer("The draws.", model=schemas.PosteriorDraws, content=FILES)
     | responses(409, status_404="The session, the link or the iteration is not here, or it is of the search."),
 )
 async def get_posterior(
@@ -147,9 +127,9 @@ async def get_posterior(
 def _draws(session: Source, snapshot: Snapshot, link: str, form: Format) -> Response:
     posterior, model = _posterior_of(snapshot), snapshot.problem.mrf.model
     draws = posterior.link_poses(model)[:, model.links.index(link)]
-    members = _members(session, snapshot) | {"link": link, "posterior_iteration": posterior.iteration}
+    members = members_of(session, snapshot) | {"link": link, "posterior_iteration": posterior.iteration}
     columns = {"log_weights": posterior.log_weights, "mode": posterior.mode}
-    return _file(f"{link}-{snapshot.iteration}-posterior", written(members, draws, columns, form), form)
+    return file_of(f"{link}-{snapshot.iteration}-posterior", written(members, draws, columns, form), form)
 
 
 @router.get(
@@ -187,75 +167,6 @@ def _coordinates(session: Source, snapshot: Snapshot, asked: list[str]) -> Respo
         "coordinates": [vars(one) | {"values": one.values.tolist()} for one in found],
     }
     return Response(json_bytes(members), media_type="application/json")
-
-
-@router.get(
-    "/messages/{sender:path}/{receiver:path}",
-    response_class=Response,
-    summary="What one part says about another",
-    responses=answer("The particles.", model=schemas.MessageParticles, content=_FILES)
-    | responses(409, status_404="The session, a link or the iteration is not here, or no message goes there."),
-)
-def get_message(
-    session_id: SessionId,
-    sender: Annotated[str, Path(description="name of a link of the part that says it; a slash in it as %2F")],
-    receiver: Annotated[str, Path(description="name of the link that it is about; likewise")],
-    request: Request,
-    iteration: Iteration = None,
-    form: FormatQuery = "json",
-) -> Response:
-    """The message between two parts that a joint connects: poses of the receiver's link in world, metres, with log
-    weights. A part is named by any of its links. The search and the particle filter send no messages."""
-    session, snapshot = read(request, session_id, iteration)
-    sender, receiver = two_names(f"{sender}/{receiver}", snapshot.problem.mrf.model.links)
-    check_links(snapshot, [sender, receiver])
-    parts, messages = snapshot.problem.mrf.model.parts, snapshot.report.messages
-    if messages is None:
-        raise HttpProblem(404, f"iteration {snapshot.iteration} ({snapshot.report.stage}) has no messages")
-    pairs = list(zip(messages.sender.tolist(), messages.receiver.tolist(), strict=True))
-    source, target = (
-        next((n for n, part in enumerate(parts) if link in part.links), -1) for link in (sender, receiver)
-    )
-    if (source, target) not in pairs:
-        known = [f"{parts[s].name} to {parts[r].name}" for s, r in pairs]
-        raise HttpProblem(
-            404, f"no message goes from '{sender:.60}' to '{receiver:.60}'; there are {', '.join(known) or 'none'}"
-        )
-    number, part = pairs.index((source, target)), parts[target]
-    particles = poses.multiply(messages.poses[number], part.poses_part_link[part.links.index(receiver)])
-    members = _members(session, snapshot) | {"from": parts[source].name, "to": part.name, "link": receiver}
-    columns = {
-        "log_weights": messages.log_weights[number],
-        "log_unary": messages.log_unary[number],
-        "log_neighbour": messages.log_neighbour[number],
-    }
-    return _file(f"{sender}-{receiver}-{snapshot.iteration}", written(members, particles, columns, form), form)
-
-
-@router.get(
-    "/trace",
-    response_class=Response,
-    summary="All iterations at a glance",
-    responses=answer("The trace.", model=schemas.Trace) | responses(404, 409),
-)
-def get_trace(
-    session_id: SessionId,
-    request: Request,
-    after: Annotated[int, Query(ge=-1, le=2**31, description="only iterations beyond this one")] = -1,
-    last: Annotated[int | None, Query(ge=0, le=2**31, description="only iterations up to this one")] = None,
-    limit: Annotated[
-        int | None, Query(ge=1, le=2**31, description="rows, at most: of more, evenly chosen ones, and the last")
-    ] = None,
-) -> Response:
-    """Per iteration: seconds, effective sample size by part, log-likelihood, standard deviations by link (metres), and
-    ADD by part (metres) where the truth is known. Rows may be missing where a recording is damaged."""
-    session = sessions_of(request).get(session_id)
-    found = session.archive.rows(after, last)
-    if limit is not None and len(found) > limit:
-        found = [found[-1 - place] for place in range(0, len(found), -(-len(found) // limit))][::-1]
-    rows = ",".join(found)
-    head = json_bytes({"session_id": session.id, "changes": session.changes()})[:-1].decode()
-    return Response(f'{head},"iterations":[{rows}]}}'.encode(), media_type="application/json")
 
 
 @router.get(
@@ -299,18 +210,3 @@ def _posterior_of(snapshot: Snapshot) -> Posterior:
     if posterior is None:
         raise HttpProblem(404, f"iteration {snapshot.iteration} ({snapshot.report.stage}) has no posterior")
     return posterior
-
-
-def _members(session: Source, snapshot: Snapshot) -> dict[str, Any]:
-    return {
-        "session_id": session.id,
-        "iteration": snapshot.iteration,
-        "frame_id": snapshot.problem.observation.frame_id,
-    }
-
-
-def _file(stem: str, content: bytes, form: Format) -> Response:
-    headers = {}
-    if form != "json":
-        headers["Content-Disposition"] = f'attachment; filename="{safe_name(f"{stem}.{form}")}"'
-    return Response(content, media_type=MEDIA_TYPES[form], headers=headers)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import random
 import socket
+import threading
 import time
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 
 import httpx
@@ -23,9 +25,24 @@ COUNTED = 10.0
 # Of the undisturbed rate, beside VIEWS views whose browsers are on the same machine.
 LEAST_RATE = 0.4
 MOST_KEPT = 300 * MIB
-# Long decisions that one client asks for at once, each about so many places to look from, and the share of the rate
-# that they may leave to a session that iterates.
-DECISIONS, PLACES, LEAST_BESIDE_DECISIONS = 40, 100, 0.2
+# Calls of one client at once, a decision about so many places to look from, and the share of the rate that they have to
+# leave to a session that iterates.
+CROWD, PLACES, LEAST_BESIDE_CROWDS = 40, 100, 0.2
+# {seen} is at its iteration 8, {session} iterates and is beyond {iteration}.
+CROWDS = {
+    "decisions": "{seen}/decision",
+    "recorded estimates": "{session}/estimate?iteration={{iteration}}",
+    "posteriors": "{session}/estimate?iteration={{iteration}}&posterior=true",
+    "draws": "{session}/posterior/frame?iteration={{iteration}}",
+    "beliefs": "{session}/beliefs/drawer1?iteration={{iteration}}",
+    "marginals": "{session}/beliefs/drawer1/marginals?iteration={{iteration}}",
+    "pictures of a particle": "{session}/beliefs/drawer1/particles/3/picture.png?iteration={{iteration}}",
+    "pictures": "{session}/estimate.png?iteration={{iteration}}",
+    "traces": "{session}/trace",
+    "recordings": "{session}/recording",
+    "lists": "/api/v1/sessions",
+    "graphs": "{session}/graph",
+}
 # Of one call beside the views, seconds.
 PATIENCE = 60.0
 # A view outlives its last browser by a minute.
@@ -35,7 +52,7 @@ LINGER = 90.0
 def attack(target: Target, outcome: Outcome) -> None:
     """All four."""
     _uploads(target, outcome)
-    _decisions(target, outcome)
+    _crowds(target, outcome)
     target.clean()
     _views(target, outcome)
     target.clean()
@@ -87,40 +104,72 @@ def _status(connection: socket.socket) -> str:
     return data.split()[1].decode() if data.startswith(b"HTTP/") else "closed"
 
 
-def _decisions(target: Target, outcome: Outcome) -> None:
-    """Many that compute long, of one client; another's session iterates."""
-    outcome.did.append(f"{DECISIONS} decisions at once about {PLACES} places each, by one client")
-    upright = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
-    places = [{"position": {"x": 0.1 * at, "y": -1.0, "z": 1.0}, "orientation": upright} for at in range(PLACES)]
-    asked = {"views": [{"pose": pose, "cost": 1.0} for pose in places], "max_std": 1e-5}
-
-    def decide(session: str) -> str:
-        with target.client(timeout=COUNTED) as client:
-            try:
-                return str(client.post(f"{session}/decision", json=asked).status_code)
-            except httpx.TimeoutException:
-                return "given up"
-
+def _crowds(target: Target, outcome: Outcome) -> None:
+    """Calls that compute, many at once and again and again, of one client; another's session iterates."""
+    outcome.did.append(
+        f"{CROWD} calls at once, for {COUNTED:g} s each: decisions about {PLACES} places, and every read of an iteration"
+    )
     with target.client(OTHER, timeout=PATIENCE) as client:
         seen = entries.small_session(target, client, 8)
         session = entries.small_session(target, client, 1, particles=400)
         client.post(f"{session}/run", json={"iterations": 100_000}).raise_for_status()
         undisturbed = _rate(client, session)
-        with ThreadPoolExecutor(DECISIONS) as pool, Watch(target, patience=20) as watch:
-            answers = pool.map(decide, [seen] * DECISIONS)
-            disturbed = _rate(client, session)
-            told = Counter(answers)
-        outcome.happened.append(
-            "decisions: "
-            + ", ".join(f"{count} × {answer}" for answer, count in told.items())
-            + f"; {undisturbed:.1f} iterations/s before, {disturbed:.1f} beside them; {watch.told()}"
-        )
-        outcome.expect(set(told) <= {"200", "429", "given up"}, f"decisions: answered with {dict(told)}")
-        outcome.expect(
-            disturbed >= LEAST_BESIDE_DECISIONS * undisturbed,
-            f"decisions: {disturbed:.1f} iterations/s beside {DECISIONS} of them, {undisturbed:.1f} without",
-        )
-        outcome.expect(not watch.unserved, f"decisions: {watch.unserved} calls of another caller were not served")
+        outcome.happened.append(f"crowds: {undisturbed:.1f} iterations/s before")
+        for name, path in CROWDS.items():
+            with Watch(target, patience=20) as watch, _Crowd(target, path.format(seen=seen, session=session)) as crowd:
+                disturbed = _rate(client, session)
+            outcome.happened.append(
+                f"{name}: "
+                + ", ".join(f"{count} × {answer}" for answer, count in crowd.told.items())
+                + f"; {disturbed:.1f} iterations/s beside them; {watch.told()}"
+            )
+            outcome.expect(set(crowd.told) <= {"200", "429", "given up"}, f"{name}: answered with {dict(crowd.told)}")
+            outcome.expect(
+                disturbed >= LEAST_BESIDE_CROWDS * undisturbed,
+                f"{name}: {disturbed:.1f} iterations/s beside {CROWD} of them, {undisturbed:.1f} without",
+            )
+            outcome.expect(not watch.unserved, f"{name}: {watch.unserved} calls of another caller were not served")
+
+
+class _Crowd:
+    """A context in which CROWD threads of one client ask for `path` without a pause.
+
+    told : their answers, by status
+    """
+
+    def __init__(self, target: Target, path: str) -> None:
+        self.told: Counter[str] = Counter()
+        self._target = target
+        self._path = path
+        self._over = threading.Event()
+        self._pool = ThreadPoolExecutor(CROWD)
+        self._answers: list[Future[Counter[str]]] = []
+
+    def __enter__(self) -> _Crowd:
+        self._answers = [self._pool.submit(self._ask, number) for number in range(CROWD)]
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        with self._pool:
+            for answers in self._answers:
+                self.told += answers.result()
+
+    def _ask(self, seed: int) -> Counter[str]:
+        upright = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+        places = [{"position": {"x": 0.1 * at, "y": -1.0, "z": 1.0}, "orientation": upright} for at in range(PLACES)]
+        asked = {"views": [{"pose": pose, "cost": 1.0} for pose in places], "max_std": 1e-5}
+        numbers = random.Random(seed)
+        told: Counter[str] = Counter()
+        with self._target.client(timeout=COUNTED) as client:
+            while not self._over.is_set():
+                path = self._path.format(iteration=numbers.randrange(50))
+                try:
+                    answer = client.post(path, json=asked) if path.endswith("/decision") else client.get(path)
+                    told[str(answer.status_code)] += 1
+                except httpx.TimeoutException:
+                    told["given up"] += 1
+        return told
 
 
 def _views(target: Target, outcome: Outcome) -> None:

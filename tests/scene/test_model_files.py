@@ -132,6 +132,13 @@ def test_paths_out_of_a_zip_are_refused(pack: Callable[..., Path], tmp_path: Pat
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["m.zip"]
 
 
+def test_a_path_of_many_folders_is_refused(pack: Callable[..., Path]) -> None:
+    assert read(pack({"r.urdf": "", "f/" * 63 + "a.stl": "far"}), "f/" * 63 + "a.stl") == "far"
+    for steps in (65, 2000):
+        told = sentence(pack({"ok.urdf": "", "f/" * (steps - 1) + "a.stl": ""}))
+        assert told == f"zip 'm.zip' holds a path of {steps} steps, expected at most 64"
+
+
 def test_links_in_a_zip_are_refused(tmp_path: Path) -> None:
     entry = zipfile.ZipInfo("r.urdf")
     entry.external_attr = (stat.S_IFLNK | 0o777) << 16

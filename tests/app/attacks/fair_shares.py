@@ -107,7 +107,7 @@ def _status(connection: socket.socket) -> str:
 def _crowds(target: Target, outcome: Outcome) -> None:
     """Calls that compute, many at once and again and again, of one client; another's session iterates."""
     outcome.did.append(
-        f"{CROWD} calls at once, for {COUNTED:g} s each: decisions about {PLACES} places, and every read of an iteration"
+        f"{CROWD} calls at once, for {COUNTED:g} s each: decisions about {PLACES} places, and every kind of read"
     )
     with target.client(OTHER, timeout=PATIENCE) as client:
         seen = entries.small_session(target, client, 8)

@@ -27,6 +27,18 @@ class SettingError(PmpnbpError):
     """A setting's name or value is not one of those `settings.py` lists."""
 
 
+class EstimateError(PmpnbpError):
+    """An estimate does not hold what is asked of it."""
+
+
+class ServerError(PmpnbpError):
+    """A server refused a call, or did not answer. `status` is that of HTTP, None where nothing came."""
+
+    def __init__(self, message: str, status: int | None = None) -> None:
+        super().__init__(message)
+        self.status = status
+
+
 class RecordingError(PmpnbpError):
     """A recording cannot be read or written."""
 

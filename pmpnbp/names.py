@@ -1,8 +1,9 @@
-"""What can be the name of a link, a joint, a model or a frame? Text that a list, an address and a sentence can hold."""
+"""Names of links, joints, models and frames: what can be one, and how some of them stand in a sentence."""
 
 from __future__ import annotations
 
 import unicodedata
+from collections.abc import Sequence
 
 # Longer than any file name, and than the names of robots' links.
 LONGEST_NAME = 255
@@ -20,3 +21,8 @@ def name_fault(name: str) -> str | None:
     if odd is not None:
         return f"has the character U+{ord(odd):04X}; expected no control characters and no halves of surrogate pairs"
     return None
+
+
+def some_of(names: Sequence[str]) -> str:
+    """The first three of some names, as part of a sentence."""
+    return ", ".join(names[:3]) + (" and others" if len(names) > 3 else "")

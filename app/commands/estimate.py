@@ -43,8 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     announce(arguments.quiet)
     # imported here: it compiles a kernel, before which a word is said
     from pmpnbp.inference.run import steps
-    from pmpnbp.readout.result import verdict
     from pmpnbp.readout.snapshot import Criteria, snapshot
+    from pmpnbp.readout.verdict import verdict
     from pmpnbp.scene.truth_file import load_truth
 
     problem, inputs = _problem(arguments, cameras)

@@ -18,7 +18,7 @@ from app.schemas import DecisionRequest
 from app.sessions.source import Source
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.confirmation import some_of
+from pmpnbp.names import some_of
 from pmpnbp.readout.result import pose_members
 from pmpnbp.readout.sight import sights
 from pmpnbp.readout.snapshot import Snapshot

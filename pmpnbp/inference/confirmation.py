@@ -6,7 +6,6 @@ surface that should end where the object does and goes on beyond it confirms not
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -133,8 +132,3 @@ def by_last_views(problem: Problem, first: int) -> Problem:
         observation=replace(observation, views=views[first:]),
         nuisances=None if nuisances is None else of_last_views(nuisances, len(views), first),
     )
-
-
-def some_of(names: Sequence[str]) -> str:
-    """The first three of some names, as part of a sentence."""
-    return ", ".join(names[:3]) + (" and others" if len(names) > 3 else "")

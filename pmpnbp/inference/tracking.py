@@ -18,13 +18,14 @@ import numpy as np
 from pmpnbp.geometry import poses
 from pmpnbp.inference import global_search, initialisation
 from pmpnbp.inference.belief import OWN, IterationReport, State
-from pmpnbp.inference.confirmation import Confirmation, by_last_views, confirmation, some_of
+from pmpnbp.inference.confirmation import Confirmation, by_last_views, confirmation
 from pmpnbp.inference.hypotheses import Proposals
 from pmpnbp.inference.joint_draws import joint_spreads, within_limits
 from pmpnbp.inference.nuisance_fit import fitted
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.settling import SETTLE_INFORMED, tight_tolerance
 from pmpnbp.inference.tree_estimate import assemble
+from pmpnbp.names import some_of
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.settings import Schedule
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from pmpnbp.inference.confirmation import Confirmation, some_of
+from pmpnbp.inference.confirmation import Confirmation
+from pmpnbp.names import some_of
 from pmpnbp.scene.observation import CONTINUED, OBJECT, View
 
 Verdict = Literal["good", "doubtful", "none"]

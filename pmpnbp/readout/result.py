@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.confirmation import some_of
 from pmpnbp.readout.estimate import Estimate, ModeEstimate
 
 SCHEMA = "pmpnbp/estimate-2"
@@ -73,20 +72,6 @@ def to_result(found: Estimate, truth: Mapping[str, Any] | None = None) -> dict[s
         },
     }
     return result if truth is None else result | {"truth": dict(truth)}
-
-
-def verdict(result: Mapping[str, Any]) -> str:
-    """One line about a result: was the object found, and what of it is certain?"""
-    if result["fit"] is None:
-        return "No verdict: the search had not ended"
-    if result["fit"] != "good":
-        return f"{'Doubtful' if result['fit'] == 'doubtful' else 'Not found'}: {result['fit_reason']}"
-    links = result["links"]
-    unsure = [name for name, link in links.items() if not link["certain"]]
-    if not unsure:
-        return f"Found: {result['fit_reason']}; all {len(links)} links are certain"
-    certain = f"{len(links) - len(unsure)} of {len(links)} links are certain"
-    return f"Found: {result['fit_reason']}; {certain}, not {some_of(unsure)}"
 
 
 def pose_members(pose: Array) -> dict[str, dict[str, float]]:

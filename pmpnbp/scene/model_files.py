@@ -170,7 +170,9 @@ def _checked_name(entry: zipfile.ZipInfo, path: Path) -> PurePosixPath:
     if inside.is_absolute() or ".." in inside.parts or re.match("[A-Za-z]:", name):
         raise ModelError(f"zip '{path.name}' holds '{entry.filename}', expected relative paths without '..'")
     if len(inside.parts) > LONGEST_PATH:
-        raise ModelError(f"zip '{path.name}' holds a path of {len(inside.parts)} steps, expected at most {LONGEST_PATH}")
+        raise ModelError(
+            f"zip '{path.name}' holds a path of {len(inside.parts)} steps, expected at most {LONGEST_PATH}"
+        )
     kind = stat.S_IFMT(entry.external_attr >> 16)
     if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
         raise ModelError(f"zip '{path.name}' holds '{entry.filename}', which is a link or device, expected files")

@@ -18,7 +18,7 @@ from app.cli import main
 from app.commands import estimate, progress
 from pmpnbp.readout.arviz_export import load_arviz
 from pmpnbp.readout.checkpoint import Checkpoint
-from pmpnbp.readout.result import verdict
+from pmpnbp.readout.verdict import verdict
 from pmpnbp.recording import Recording
 from tests.app.command_line import CABINET, CAMERA, DEPTH, MODEL, ROI, ROOT, SCAN, SCENE, Capture, refused
 

@@ -1,0 +1,1 @@
+"""What `import pmpnbp` offers: estimates, sessions and recordings in Python, without a server."""

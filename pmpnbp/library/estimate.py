@@ -1,0 +1,342 @@
+"""An estimate as programs have it: the members of result.json as attributes and arrays.
+
+The same type whoever made it: an inference in this process, a server, or a result.json that was kept.
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.errors import EstimateError
+from pmpnbp.readout.verdict import verdict
+
+Array = NDArray[np.float64]
+
+# Of the picture in a notebook, pixels.
+PICTURE_WIDTH = 480
+
+
+class Scene(Protocol):
+    """What an estimate was made of, where that is at hand."""
+
+    def picture(self, width: int | None) -> bytes:
+        """PNG: the estimate over its scan. Raises PmpnbpError where it cannot be drawn."""
+
+    def show(self) -> None:
+        """Open the page on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """One hypothesis of a link. weight : 0 to 1; pose : (7,) x y z qw qx qy qz, link in world; covariance : (6, 6)."""
+
+    weight: float
+    pose: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LinkEstimate:
+    """Where a link of the URDF is, and how sure that is. Metres; in the estimate's `frame_id`, "world".
+
+    pose : (7,) x y z qw qx qy qz, link in world
+    covariance : (6, 6) over x, y, z and rotations about fixed X, Y, Z, as ROS has it; std_xyz : (3,); expected_add :
+        mean distance over the link's surface (eq. 12) that the posterior expects; each None as long as there is no
+        posterior, expected_add also for a link without surface
+    certain : whether the fit is good, no other mode has it elsewhere, and no deviation is larger than `max_std`
+    visible_fraction : 0 to 1, log_likelihood : natural logarithm; None for a link without surface
+    modes : the posterior's hypotheses, heaviest first
+    particle_std_xyz : (3,), particle_modes : the spread and hypotheses of the algorithm's particles; no uncertainty
+    """
+
+    name: str
+    pose: Array
+    covariance: Array | None
+    std_xyz: Array | None
+    expected_add: float | None
+    certain: bool
+    visible_fraction: float | None
+    log_likelihood: float | None
+    modes: tuple[Mode, ...]
+    particle_std_xyz: Array
+    particle_modes: tuple[Mode, ...]
+
+    @property
+    def matrix(self) -> Array:
+        """(4, 4), the pose as a homogeneous matrix: points of the link, as columns, to world."""
+        from pmpnbp.geometry.poses import to_matrix  # imported here: it compiles a kernel
+
+        return to_matrix(self.pose)
+
+
+@dataclass(frozen=True, eq=False)
+class JointEstimate:
+    """Where a moving joint stands: metres for slides, radians for turns, of its K axes (1; planar 3, floating 6).
+
+    type : as in the URDF; parent, child : names of links
+    positions, lowers, uppers : (K,); stds : (K,) and intervals : (K, 2), the central 90 %, of the posterior, or None
+        as long as there is none
+    """
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    positions: Array
+    stds: Array | None
+    intervals: Array | None
+    lowers: Array
+    uppers: Array
+
+    @property
+    def position(self) -> float:
+        """Of a joint with one axis. Raises EstimateError for one that has several, whose `positions` are asked for."""
+        return float(self._only(self.positions))
+
+    @property
+    def std(self) -> float | None:
+        """Likewise."""
+        return None if self.stds is None else float(self._only(self.stds))
+
+    @property
+    def interval(self) -> Array | None:
+        """(2,), likewise."""
+        return None if self.intervals is None else self._only(self.intervals)
+
+    def _only(self, values: Array) -> Any:
+        if len(values) != 1:
+            raise EstimateError(
+                f"joint '{self.name}' is {self.type} and has {len(values)} axes; ask for positions, stds and intervals"
+            )
+        return values[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """One hypothesis of the whole object. weight : 0 to 1; poses : (7,) of each link by name; joints : (K,) by name."""
+
+    weight: float
+    poses: Mapping[str, Array]
+    joints: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """What one thing that is no part of the object was taken for: value, its standard deviation, and its prior's."""
+
+    value: float
+    std: float
+    prior_std: float
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The members of result.json, which `to_dict` gives.
+
+    fit : "good", "doubtful", "none", or None as long as there is no posterior; fit_reason : a sentence
+    explained : share of what should be seen that the scan confirms; effective_draws : of the posterior
+    links, joints : by name; joints : the moving ones; alternatives : whole objects, heaviest first
+    unknown : a sentence for each joint and turn that the scan does not tell at all
+    depth_noise : (V,) metres, standard deviation of each view's depths; nuisances : by name
+    truth : errors against the truth where that is known, as result.json has them
+    """
+
+    model: str
+    method: str
+    seed: int
+    iteration: int
+    converged: bool
+    frame_id: str
+    stamp: float | None
+    certain: bool
+    max_std: float
+    seconds: float
+    fit: str | None
+    fit_reason: str | None
+    explained: float | None
+    effective_draws: float | None
+    posterior_iteration: int | None
+    links: Mapping[str, LinkEstimate]
+    joints: Mapping[str, JointEstimate]
+    alternatives: tuple[Alternative, ...]
+    unknown: tuple[str, ...]
+    depth_noise: Array
+    nuisances: Mapping[str, Nuisance]
+    truth: Mapping[str, Any] | None
+    _members: Mapping[str, Any]
+    _scene: Scene | None
+
+    @staticmethod
+    def from_dict(members: Mapping[str, Any], scene: Scene | None = None) -> Estimate:
+        """The estimate that result.json's members tell; `scene` draws and shows it. Raises EstimateError where they
+        are none."""
+        try:
+            return _estimate(members, scene)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            came = f"{type(error).__name__}: {error}"
+            raise EstimateError(f"this is no estimate as result.json has it ({came:.200})") from None
+
+    @staticmethod
+    def load(path: str | PathLike[str]) -> Estimate:
+        """The estimate in a result.json. Raises EstimateError."""
+        try:
+            members = json.loads(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise EstimateError(f"result '{Path(path).name}' cannot be read: {error.strerror}") from None
+        except ValueError as error:
+            raise EstimateError(f"result '{Path(path).name}' is no JSON: {error}") from None
+        return Estimate.from_dict(members)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The members of result.json."""
+        copy: dict[str, Any] = json.loads(json.dumps(self._members))
+        return copy
+
+    @property
+    def verdict(self) -> str:
+        """One line: was the object found, and what of it is certain?"""
+        return verdict(self._members)
+
+    def picture(self, width: int | None = None) -> bytes:
+        """PNG: the estimate drawn over the scan as its camera sees it. width : pixels, default: the camera's. Raises
+        PmpnbpError where it cannot be drawn, EstimateError where its scan is not at hand."""
+        return self._at_hand().picture(width)
+
+    def show(self) -> None:
+        """Open the page on it, in a browser. Raises EstimateError where its scan is not at hand."""
+        self._at_hand().show()
+
+    def _at_hand(self) -> Scene:
+        if self._scene is None:
+            raise EstimateError("this estimate was read from result.json, without its scan, and cannot be drawn")
+        return self._scene
+
+    def __repr__(self) -> str:
+        rows = [f"{name} {row}" for name, row in _rows(self)]
+        return "\n".join([f"<Estimate of {self.model} after iteration {self.iteration}. {self.verdict}", *rows]) + ">"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the picture, the verdict and the joints."""
+        try:
+            data = base64.b64encode(self.picture(PICTURE_WIDTH)).decode()
+            picture = f'<img alt="the estimate over the scan" src="data:image/png;base64,{data}">'
+        except Exception:  # a notebook's cell shows what can be shown, wherever it runs
+            picture = ""
+        rows = "".join(f"<tr><th>{html.escape(name)}</th><td>{html.escape(row)}</td></tr>" for name, row in _rows(self))
+        head = f"<b>{html.escape(self.model)}</b>, iteration {self.iteration}: {html.escape(self.verdict)}"
+        return f"<div>{picture}<p>{head}</p><table>{rows}</table></div>"
+
+
+def _rows(found: Estimate) -> list[tuple[str, str]]:
+    """Name and position of each joint; of an object without any, of its links."""
+    if not found.joints:
+        return [(f"link {name}", _place(link)) for name, link in found.links.items()]
+    return [(f"joint {name}", _stand(joint)) for name, joint in found.joints.items()]
+
+
+def _place(link: LinkEstimate) -> str:
+    std = "" if link.std_xyz is None else f" ± {1000 * link.std_xyz.max():.1f} mm"
+    return f"at {', '.join(f'{number:.3f}' for number in link.pose[:3])} m{std}"
+
+
+def _stand(joint: JointEstimate) -> str:
+    slides = np.arange(len(joint.positions)) < {"prismatic": 1, "planar": 2, "floating": 3}.get(joint.type, 0)
+    told = []
+    for axis, position in enumerate(joint.positions):
+        unit, factor = ("cm", 100.0) if slides[axis] else ("°", 180 / np.pi)
+        text = f"{factor * position:.2f}"
+        if joint.intervals is not None:
+            low, high = factor * joint.intervals[axis]
+            text += f" ({low:.2f} to {high:.2f})"
+        told.append(f"{text} {unit}" if unit == "cm" else f"{text}{unit}")
+    return ", ".join(told)
+
+
+def _estimate(members: Mapping[str, Any], scene: Scene | None) -> Estimate:
+    of_run = ("model", "method", "seed", "iteration", "converged", "frame_id", "stamp", "certain", "max_std", "seconds")
+    of_posterior = ("fit", "fit_reason", "explained", "effective_draws", "posterior_iteration")
+    told: dict[str, Any] = {name: members[name] for name in of_run}
+    told |= {name: members.get(name) for name in of_posterior}
+    return Estimate(
+        **told,
+        links={name: _link(name, entry) for name, entry in members["links"].items()},
+        joints={name: _joint(name, entry) for name, entry in members["joints"].items()},
+        alternatives=tuple(_alternative(entry) for entry in members.get("alternatives") or ()),
+        unknown=tuple(members.get("unknown") or ()),
+        depth_noise=np.array(members.get("depth_noise") or (), dtype=np.float64),
+        nuisances={name: Nuisance(**entry) for name, entry in (members.get("nuisances") or {}).items()},
+        truth=members.get("truth"),
+        _members=members,
+        _scene=scene,
+    )
+
+
+def _link(name: str, entry: Mapping[str, Any]) -> LinkEstimate:
+    covariance = entry["covariance"]
+    return LinkEstimate(
+        name=name,
+        pose=_pose(entry["pose"]),
+        covariance=None if covariance is None else _square(covariance),
+        std_xyz=_array(entry["std_xyz"]),
+        expected_add=entry.get("expected_add"),
+        certain=entry["certain"],
+        visible_fraction=entry["visible_fraction"],
+        log_likelihood=entry["log_likelihood"],
+        modes=_modes(entry["modes"]),
+        particle_std_xyz=np.array(entry["particle_std_xyz"], dtype=np.float64),
+        particle_modes=_modes(entry.get("particle_modes") or ()),
+    )
+
+
+def _joint(name: str, entry: Mapping[str, Any]) -> JointEstimate:
+    interval = _array(entry["interval"])
+    return JointEstimate(
+        name=name,
+        type=entry["type"],
+        parent=entry["parent"],
+        child=entry["child"],
+        positions=_axes(entry["position"]),
+        stds=None if entry["std"] is None else _axes(entry["std"]),
+        intervals=None if interval is None else interval.reshape(-1, 2),
+        lowers=_axes(entry["lower"]),
+        uppers=_axes(entry["upper"]),
+    )
+
+
+def _alternative(entry: Mapping[str, Any]) -> Alternative:
+    return Alternative(
+        entry["weight"],
+        {name: _pose(link["pose"]) for name, link in entry["links"].items()},
+        {name: _axes(position) for name, position in entry["joints"].items()},
+    )
+
+
+def _modes(entries: Any) -> tuple[Mode, ...]:
+    return tuple(Mode(one["weight"], _pose(one["pose"]), _square(one["covariance"])) for one in entries)
+
+
+def _pose(members: Mapping[str, Mapping[str, float]]) -> Array:
+    place, turn = members["position"], members["orientation"]
+    return np.array([*(place[axis] for axis in "xyz"), *(turn[axis] for axis in "wxyz")], dtype=np.float64)
+
+
+def _square(numbers: Any) -> Array:
+    return np.array(numbers, dtype=np.float64).reshape(6, 6)
+
+
+def _array(numbers: Any) -> Array | None:
+    return None if numbers is None else np.array(numbers, dtype=np.float64)
+
+
+def _axes(numbers: Any) -> Array:
+    return np.atleast_1d(np.array(numbers, dtype=np.float64))

@@ -16,7 +16,6 @@ from app.http.bodies import Bodies
 from app.http.connections import connections_for
 from app.http.head import Head
 from app.page_cookie import page_cookie
-from app.pictures.pictures import Pictures
 from app.rate_limit import RateLimit, Traffic
 from app.routes import (
     beliefs,
@@ -45,6 +44,7 @@ from app.uploads.parsers import Parsers
 from app.uploads.uploads import Uploads, parsers_for
 from app.viewer import proxy
 from app.viewer.views import Views
+from pmpnbp.pictures.pictures import Pictures
 from pmpnbp.version import version
 
 # In the order of the documentation.

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from app.pictures.pictures import Pictures
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run as engine
+from pmpnbp.pictures.pictures import Pictures
 from pmpnbp.readout.estimate import agreeing
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior

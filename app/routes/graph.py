@@ -6,10 +6,10 @@ from typing import Any
 
 from fastapi import APIRouter, Request
 
-from app.palette import hexadecimal, part_colour, part_colour_on_dark
 from app.problems import responses
 from app.routes.parameters import SessionId, sessions_of
 from app.schemas_particles import Graph
+from pmpnbp.pictures.palette import hexadecimal, part_colour, part_colour_on_dark
 from pmpnbp.readout.result import number_or_list
 from pmpnbp.scene.articulated_object import Joint
 

@@ -8,7 +8,6 @@ import numpy as np
 from fastapi import APIRouter, Path, Query, Request, Response
 
 from app.documentation import PICTURE
-from app.pictures.particle_picture import LONGEST, NARROWEST, particle_picture
 from app.problems import HttpProblem, responses
 from app.routes.named import Link
 from app.routes.parameters import Iteration, SessionId, read
@@ -17,6 +16,7 @@ from app.schemas_particles import HeaviestParticles, Marginals, ParticleReasons
 from app.sessions.source import Source, no_view
 from pmpnbp.inference.belief import SOURCES
 from pmpnbp.json_text import without_nan
+from pmpnbp.pictures.particle_picture import LONGEST, NARROWEST, particle_picture
 from pmpnbp.readout.marginals import marginals
 from pmpnbp.readout.particle_terms import ancestor_part, origin, terms
 from pmpnbp.readout.result import number_or_list

@@ -7,11 +7,11 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 
 from app.documentation import PICTURE
-from app.pictures.part_images import DrawingError
-from app.pictures.pictures import LONGEST, Pictures
 from app.problems import HttpProblem, responses
 from app.routes.parameters import SessionId, read
 from app.routes.turns import ShortTurnRoute
+from pmpnbp.pictures.part_images import DrawingError
+from pmpnbp.pictures.pictures import LONGEST, Pictures
 
 router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"], route_class=ShortTurnRoute)
 

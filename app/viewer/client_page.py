@@ -9,7 +9,7 @@ from pathlib import Path
 
 import viser
 
-from app.palette import DARK_PAPER, PAPER
+from pmpnbp.pictures.palette import DARK_PAPER, PAPER
 
 CLIENT_PAGE = Path(viser.__file__).parent / "client" / "build" / "index.html"
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import gammaincinv
 
-from app.palette import Colour
 from app.viewer.scene_frame import Ellipsoids
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
+from pmpnbp.pictures.palette import Colour
 
 # A radius is drawn at least so long, metres: a covariance of rank two is still something to see.
 THINNEST = 2e-4

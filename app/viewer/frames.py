@@ -10,8 +10,6 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from app import palette
-from app.palette import DARK_PAPER, PAPER, Colour, rgb
 from app.viewer import scan_points
 from app.viewer.ellipsoids import ellipsoid, ellipsoids
 from app.viewer.gizmos import ACCENT, gizmos
@@ -34,6 +32,8 @@ from app.viewer.view_state import Theme, ViewState
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import Belief, Messages
+from pmpnbp.pictures import palette
+from pmpnbp.pictures.palette import DARK_PAPER, PAPER, Colour, rgb
 from pmpnbp.readout.snapshot import Snapshot
 from pmpnbp.readout.view_planning import FIELD, HEIGHT, WIDTH, PlannedView
 

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from app.palette import rgb
 from app.viewer.ellipsoids import ellipsoid, radius_scale
 from app.viewer.scene_frame import Handle, Lines, Node
 from app.viewer.stage import Stage
 from app.viewer.view_state import Theme, ViewState
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
+from pmpnbp.pictures.palette import rgb
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.prior import GaussianPrior, load_prior

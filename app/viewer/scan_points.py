@@ -1,7 +1,7 @@
 """Which colour has a point of the scan? By its depth, by how well the estimate explains it, or plain.
 
 Kinds of fit are those of the pixel score, in the colours of the particle's picture. All is shaded as the scan's picture
-is (`app.pictures.backdrop`), so that surfaces can be told apart.
+is (`pmpnbp.pictures.backdrop`), so that surfaces can be told apart.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from app.palette import KIND_COLOURS, rgb
-from app.pictures.backdrop import backdrop, resized, scaled
 from app.viewer.scene_frame import Bytes, Floats
 from app.viewer.view_state import THEMES, Theme
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
+from pmpnbp.pictures.backdrop import backdrop, resized, scaled
+from pmpnbp.pictures.palette import KIND_COLOURS, rgb
 from pmpnbp.potentials.pixel_kinds import pixel_kinds
 from pmpnbp.potentials.surfaces import Surfaces
 from pmpnbp.potentials.unary import render

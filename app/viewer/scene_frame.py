@@ -15,8 +15,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from app.palette import Colour
 from pmpnbp.geometry.poses import IDENTITY, Array
+from pmpnbp.pictures.palette import Colour
 
 Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]

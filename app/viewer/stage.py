@@ -11,13 +11,13 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from app.pictures.part_images import CREASE, drawn
 from app.viewer.scan_points import ScanPoints
 from app.viewer.scene_frame import Bytes, Floats
 from app.viewer.view_state import THEMES, Eye, Theme
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
+from pmpnbp.pictures.part_images import CREASE, drawn
 from pmpnbp.scene.articulated_object import ArticulatedObject, Part
 from pmpnbp.scene.observation import OBJECT, Observation
 from pmpnbp.scene.observe import pixel_categories

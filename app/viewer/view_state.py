@@ -12,9 +12,9 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
-from app.palette import KIND_COLOURS, KIND_NAMES
 from app.schemas import Body, Members
 from pmpnbp.errors import PmpnbpError
+from pmpnbp.pictures.palette import KIND_COLOURS, KIND_NAMES
 from pmpnbp.potentials.pixel_kinds import PixelKind
 
 Theme = Literal["light", "dark"]

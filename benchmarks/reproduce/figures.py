@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from app.palette import part_colours
-from app.pictures.backdrop import backdrop
-from app.pictures.pictures import Pictures
 from app.viewer.ellipsoids import radius_scale
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
+from pmpnbp.pictures.backdrop import backdrop
+from pmpnbp.pictures.palette import part_colours
+from pmpnbp.pictures.pictures import Pictures
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.observation import Scan
 from sample_data.surroundings import looking_at

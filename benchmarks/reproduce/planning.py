@@ -17,7 +17,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from app.palette import INK, part_colours
 from benchmarks.reproduce import figures, outcomes, reports
 from benchmarks.reproduce.experiment import Experiment, Options
 from benchmarks.reproduce.outcomes import Outcomes
@@ -26,6 +25,7 @@ from benchmarks.reproduce.run_log import Asked, Result, RunLog
 from benchmarks.reproduce.scene_runs import LAST, asked_of, case_of, perform, scene_scan
 from benchmarks.tables import markdown, rate
 from pmpnbp.geometry.poses import Array
+from pmpnbp.pictures.palette import INK, part_colours
 from pmpnbp.settings import SessionOptions
 
 

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from app.palette import INK, part_colours
 from benchmarks.reproduce import figures, outcomes, reports, robot_scan
 from benchmarks.reproduce.experiment import Experiment, Options
 from benchmarks.reproduce.outcomes import Outcomes
@@ -22,6 +21,7 @@ from benchmarks.reproduce.run_log import Asked, Result, RunLog
 from benchmarks.reproduce.scene_runs import asked_of, case_of, perform, scene_scan
 from benchmarks.tables import rate
 from pmpnbp.geometry.poses import Array
+from pmpnbp.pictures.palette import INK, part_colours
 
 SCENE = "robot/partial"
 ITERATIONS, PARTICLES = 1000, 400

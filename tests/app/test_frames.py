@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.stats import special_ortho_group
 
-from app.palette import PART_COLOURS, rgb
 from app.viewer.ellipsoids import ellipsoids, radius_scale
 from app.viewer.frames import BEST, frame
 from app.viewer.gizmos import default_prior
@@ -17,6 +16,7 @@ from app.viewer.scan_points import fits
 from app.viewer.scene_frame import Axes, Ellipsoids, Frustum, Label, Lines, Points, SceneFrame, Surface
 from app.viewer.view_state import LAYERS, ViewState
 from pmpnbp.geometry import poses
+from pmpnbp.pictures.palette import PART_COLOURS, rgb
 from pmpnbp.potentials.pixel_kinds import PixelKind
 from pmpnbp.readout.view_planning import FIELD
 from pmpnbp.scene.observation import SUPPORT

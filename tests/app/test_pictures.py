@@ -15,13 +15,13 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from app.palette import PAPER, part_colours, rgb
-from app.pictures.backdrop import backdrop, scaled
-from app.pictures.part_images import NOTHING, DrawingError, PartImages, smoothed
-from app.pictures.pictures import KEPT, LONGEST, Pictures, picture_size
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
+from pmpnbp.pictures.backdrop import backdrop, scaled
+from pmpnbp.pictures.palette import PAPER, part_colours, rgb
+from pmpnbp.pictures.part_images import NOTHING, DrawingError, PartImages, smoothed
+from pmpnbp.pictures.pictures import KEPT, LONGEST, Pictures, picture_size
 from pmpnbp.potentials.surfaces import prepare_surfaces
 from pmpnbp.potentials.unary import render
 from pmpnbp.scene.articulated_object import ArticulatedObject, Mesh

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from app.palette import KIND_COLOURS, KIND_NAMES
 from app.viewer.view_state import LAYERS, MAX_COORDINATE, Layers, ViewState, ViewStateError, merged
 from app.viewer.views import _own_handles
+from pmpnbp.pictures.palette import KIND_COLOURS, KIND_NAMES
 from pmpnbp.potentials.pixel_kinds import PixelKind
 
 PRIOR = {

@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Page, expect
 
-from app.palette import KIND_COLOURS, KIND_NAMES, rgb
 from app.viewer.frames import INK
+from pmpnbp.pictures.palette import KIND_COLOURS, KIND_NAMES, rgb
 from pmpnbp.potentials.pixel_kinds import PixelKind
 from tests.app import small_sessions as small
 from tests.browser.conftest import DESK, PATIENCE, pixels

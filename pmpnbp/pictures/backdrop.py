@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from app.palette import PAPER, rgb
 from pmpnbp.geometry.camera import Camera
+from pmpnbp.pictures.palette import PAPER, rgb
 from pmpnbp.scene.normals import surface_normals
 from pmpnbp.scene.observation import Scan
 

@@ -1,7 +1,7 @@
 """What would the camera see of the parts at given poses? Depth, part number and surface normal of every pixel, drawn
 off screen by OpenGL through EGL.
 
-OpenGL's objects belong to the thread that made them, so one PartImages lives in one thread; `app.pictures.pictures`
+OpenGL's objects belong to the thread that made them, so one PartImages lives in one thread; `pmpnbp.pictures.pictures`
 sees to that. Normals are drawn as colours without any lighting, so that all shading is done where the picture is
 composed.
 """

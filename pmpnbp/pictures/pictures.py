@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
 
-from app.palette import INK, PAPER, part_colours, rgb
-from app.pictures.backdrop import LIGHT, backdrop, resized, scaled, without_specks
-from app.pictures.part_images import NOTHING, PartImage, PartImages
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
+from pmpnbp.pictures.backdrop import LIGHT, backdrop, resized, scaled, without_specks
+from pmpnbp.pictures.palette import INK, PAPER, part_colours, rgb
+from pmpnbp.pictures.part_images import NOTHING, PartImage, PartImages
 from pmpnbp.potentials.pixel_kinds import in_front
 from pmpnbp.readout.placement import VISIBLE_TOLERANCE
 from pmpnbp.scene.articulated_object import ArticulatedObject

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from app.palette import PART_COLOURS, part_colour, part_colours
+from pmpnbp.pictures.palette import PART_COLOURS, part_colour, part_colours
 
 Array = NDArray[np.float64]
 

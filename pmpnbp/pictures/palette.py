@@ -1,7 +1,7 @@
 """Which colour has a part, and which a pixel that fits it or does not? One list for every picture, page and 3D view.
 
 Parts have six hues that stay apart for readers with any of the usual colour vision deficiencies and on a grey scan;
-further parts take them again, darker, then lighter. tests/app/test_palette.py measures how far apart they are.
+further parts take them again, darker, then lighter. tests/pictures/test_palette.py measures how far apart they are.
 """
 
 from __future__ import annotations

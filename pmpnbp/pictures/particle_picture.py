@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from app.palette import DARK_PAPER, INK, KIND_COLOURS, KIND_NAMES, PAPER, Colour, rgb
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
+from pmpnbp.pictures.palette import DARK_PAPER, INK, KIND_COLOURS, KIND_NAMES, PAPER, Colour, rgb
 from pmpnbp.potentials.pixel_kinds import PixelKind, pixel_kinds
 from pmpnbp.potentials.unary import PixelScore, render_part
 from pmpnbp.scene.work_image import turned_back

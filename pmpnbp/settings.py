@@ -214,6 +214,14 @@ def _check(name: str, value: Any, metadata: Mapping[str, Any], kind: type) -> No
         raise SettingError(f"setting '{name}' is {value!r}; it must be at most {high}")
 
 
+def checked_option(name: str, value: Any) -> Any:
+    """The value of a simple option: its method, or a number. Raises SettingError for one that it cannot have."""
+    entry = next(one for one in fields(SessionOptions) if one.name == name)
+    found = _convert(name, value, type(entry.default))
+    _check(name, found, entry.metadata, type(entry.default))
+    return found
+
+
 def check_method(method: str) -> None:
     """Raise SettingError where `method` is none of METHODS."""
     if method not in METHODS:

@@ -35,6 +35,9 @@ class Scene(Protocol):
     def show(self) -> None:
         """Open the page on it."""
 
+    def to_arviz(self, draws: int) -> Any:
+        """Draws of its posterior."""
+
 
 @dataclass(frozen=True, eq=False)
 class Mode:
@@ -213,12 +216,18 @@ class Estimate:
         return self._at_hand().picture(width)
 
     def show(self) -> None:
-        """Open the page on it, in a browser. Raises EstimateError where its scan is not at hand."""
+        """Open the page on it, in a browser where there is a screen, and print the page's address. Raises EstimateError
+        where its scan is not at hand."""
         self._at_hand().show()
+
+    def to_arviz(self, draws: int = 1000) -> Any:
+        """The posterior as an `arviz.InferenceData` of draws of equal weight. Raises PmpnbpError where ArviZ is not
+        installed, and EstimateError where there is no posterior, or it is not at hand."""
+        return self._at_hand().to_arviz(draws)
 
     def _at_hand(self) -> Scene:
         if self._scene is None:
-            raise EstimateError("this estimate was read from result.json, without its scan, and cannot be drawn")
+            raise EstimateError("this estimate was read from result.json, and its scan and posterior are not at hand")
         return self._scene
 
     def __repr__(self) -> str:

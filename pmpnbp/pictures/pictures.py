@@ -44,7 +44,7 @@ OUTLINE, OUTLINE_HIDDEN = 0.85, 0.50
 # Surfaces seen at a flatter angle (cosine) are compared with the scan as if seen at this one.
 FLATTEST = 0.25
 
-_log = logging.getLogger("pmpnbp.server")
+_log = logging.getLogger("pmpnbp.pictures")
 
 Grey = NDArray[np.float32]
 Colour = NDArray[np.float32]

@@ -61,7 +61,10 @@ class Snapshot:
         `checkpoint` does."""
         if self.placed.posterior is not None:
             return self
-        posterior = read_out(self.problem, self.report, checkpoint)
+        return self.told(read_out(self.problem, self.report, checkpoint))
+
+    def told(self, posterior: Posterior | None) -> Snapshot:
+        """The same with a posterior that was read out for it; itself where that is None."""
         if posterior is None:
             return self
         return snapshot(

@@ -78,15 +78,17 @@ def prepare(
     seed: int,
     method: str = SessionOptions.method,
     arrival: Arrival | None = None,
+    known_model: ArticulatedObject | None = None,
 ) -> tuple[Problem, Inputs]:
     """The problem, and the inputs that a recording keeps of it: the same input and seed give the same numbers, whoever
     asks.
 
     model : a URDF or zip; roi : x0 y0 z0 x1 y1 z1, metres, world, or None; prior : prior.json, its members, or None
-    for upright anywhere; method : one of `settings.METHODS`; arrival : that of the newest scans, where they came later.
+    for upright anywhere; method : one of `settings.METHODS`; arrival : that of the newest scans, where they came later;
+    known_model : what is in the file, where it was read already, with the triangles that the settings ask for.
     Raises PmpnbpError for what does not fit together.
     """
-    found = load_model(model, triangle_budget=settings.triangles)
+    found = known_model or load_model(model, triangle_budget=settings.triangles)
     known = UniformPrior("upright") if prior is None else load_prior(prior, found)
     box = None if roi is None else np.array(roi, dtype=np.float64)
     inputs = Inputs(model, tuple(scans), box, known, settings, particles, seed, method, arrival)

@@ -23,7 +23,12 @@ _MAGIC = b"\x93NUMPY"
 
 def read_npy(content: bytes, name: str) -> NDArray[np.float32] | Cloud:
     """Depth (H, W) float32, metres, or a Cloud, by the shape of the array in a `.npy` file."""
-    array = _array(content, f"scan '{name}'")
+    return of_array(_array(content, f"scan '{name}'"), name)
+
+
+def of_array(array: NDArray[np.generic], name: str) -> NDArray[np.float32] | Cloud:
+    """The same of an array that is there; `name` is what errors call the scan."""
+    _check(array.shape, array.dtype, f"scan '{name}'")
     return _cloud(array, name) if array.shape[-1] == 3 else _depth(array, name)
 
 
@@ -63,13 +68,8 @@ def _array(content: bytes, name: str) -> NDArray[np.generic]:
     # The header is Python text that NumPy parses; what a hostile one can raise there is no closed list.
     except Exception as error:
         raise ScanError(f"{name} has a damaged NumPy header") from error
-    if dtype.kind not in "fiu" or dtype.itemsize > 8:
-        raise ScanError(f"{name} holds {str(dtype)!r:.60}; expected real numbers of at most 64 bits")
-    if len(shape) not in (2, 3) or min(shape) < 1:
-        raise ScanError(f"{name} has the shape {shape!s:.60}; expected (H, W), (N, 3) or (H, W, 3)")
+    _check(shape, dtype, name)
     count = math.prod(shape)
-    if count > 3 * LARGEST_POINTS:
-        raise ScanError(f"{name} says it holds {count} numbers; expected at most {3 * LARGEST_POINTS}")
     start = stream.tell()
     if count * dtype.itemsize > len(content) - start:
         raise ScanError(
@@ -78,6 +78,15 @@ def _array(content: bytes, name: str) -> NDArray[np.generic]:
         )
     flat = np.frombuffer(content, dtype=dtype, count=count, offset=start)
     return flat.reshape(shape, order="F" if fortran else "C")
+
+
+def _check(shape: tuple[int, ...], dtype: np.dtype[np.generic], name: str) -> None:
+    if dtype.kind not in "fiu" or dtype.itemsize > 8:
+        raise ScanError(f"{name} holds {str(dtype)!r:.60}; expected real numbers of at most 64 bits")
+    if len(shape) not in (2, 3) or min(shape) < 1:
+        raise ScanError(f"{name} has the shape {shape!s:.60}; expected (H, W), (N, 3) or (H, W, 3)")
+    if math.prod(shape) > 3 * LARGEST_POINTS:
+        raise ScanError(f"{name} says it holds {math.prod(shape)} numbers; expected at most {3 * LARGEST_POINTS}")
 
 
 def _depth(array: NDArray[np.generic], name: str) -> NDArray[np.float32]:

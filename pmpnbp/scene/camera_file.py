@@ -33,11 +33,13 @@ class CameraFile:
     stamp: float | None = None
 
 
-def load_camera(source: Path | str) -> CameraFile:
-    """The camera of a camera.json: `source` is its path, or, as a `str`, its text.
+def load_camera(source: Path | str | Mapping[str, object]) -> CameraFile:
+    """The camera of a camera.json: `source` is its path, as a `str` its text, or its members.
 
     Raises ScanError where the file is missing, is not JSON, or a member is missing or has a value it cannot have.
     """
+    if isinstance(source, Mapping):
+        return _camera(source, "the camera")
     if isinstance(source, str):
         return _camera(parse_object(source, "the camera text", ScanError), "the camera text")
     return _camera(read_object(source, "camera file", ScanError), f"camera file '{source.name}'")

@@ -15,6 +15,7 @@ Nothing but ScanError comes out of a damaged or hostile file, and no array is al
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pmpnbp.errors import ScanError
-from pmpnbp.scene.array_files import read_npy, read_npz
+from pmpnbp.scene.array_files import of_array, read_npy, read_npz
 from pmpnbp.scene.camera_file import CameraFile, load_camera
 from pmpnbp.scene.cloud_cameras import check_camera, fit_camera, look_at_loose_cloud
 from pmpnbp.scene.observation import Scan
@@ -38,8 +39,9 @@ _READERS = {".npy": read_npy, ".npz": read_npz, ".pcd": read_pcd, ".ply": read_p
 SUFFIXES = (".png", *_READERS)
 
 
-def load_scan(path: Path, camera_path: Path | None = None) -> Scan:
-    """The scan in the file `path`, whose suffix tells the format, with the camera of `camera_path` where one is given.
+def load_scan(path: Path, camera: Path | Mapping[str, object] | None = None) -> Scan:
+    """The scan in the file `path`, whose suffix tells the format, with the camera of a camera.json, or its members,
+    where one is given.
 
     Raises ScanError where a file cannot be read, is damaged or too large, has no valid point, needs a camera and has
     none, or has another size than its camera.
@@ -48,13 +50,23 @@ def load_scan(path: Path, camera_path: Path | None = None) -> Scan:
     if suffix not in SUFFIXES:
         raise ScanError(f"scan '{path.name}' has the suffix '{suffix}'; expected one of {', '.join(SUFFIXES)}")
     content = _content(path)
-    given = None if camera_path is None else load_camera(camera_path)
+    given = None if camera is None else load_camera(camera)
     if suffix == ".png":
         return _depth_scan(read_png(content, path.name), given, path.name)
     cloud = _READERS[suffix](content, path.name)
     if isinstance(cloud, Cloud):
         return _cloud_scan(cloud, given, path.name)
     return _depth_scan(cloud, given, path.name)
+
+
+def scan_of(values: NDArray[np.generic], camera: Path | Mapping[str, object] | None = None) -> Scan:
+    """The scan that an array is: depth (H, W), floats, metres, or points (N, 3) or (H, W, 3), metres, camera frame.
+    Raises ScanError as `load_scan` does."""
+    given = None if camera is None else load_camera(camera)
+    found = of_array(values, "the array")
+    if isinstance(found, Cloud):
+        return _cloud_scan(found, given, "the array")
+    return _depth_scan(found, given, "the array")
 
 
 def read_png(content: bytes, name: str) -> NDArray[np.float32]:

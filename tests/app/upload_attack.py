@@ -69,7 +69,10 @@ def objection(answer: httpx.Response) -> str | None:
     if answer.headers["Content-Type"] != "application/problem+json":
         return f"answered {answer.status_code} as {answer.headers['Content-Type']}"
     detail = answer.json()["detail"]
-    if not detail or "Traceback" in detail or re.search(r"/(tmp|home|root|work|var)/|site-packages|\.py\b", detail):
+    unnamed = re.sub("'[^']*'", "", detail)  # an upload may be called anything.py
+    if not detail or "Traceback" in detail or re.search(r"/(tmp|home|root|work|var)/|site-packages", detail):
+        return f"says {detail!r}"
+    if re.search(r"\.py\b", unnamed):
         return f"says {detail!r}"
     return None
 

@@ -8,21 +8,18 @@ import os
 import re
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.commands.progress import Progress, announce, reading_out
 from pmpnbp.errors import PmpnbpError, RecordingError, ScanError, SettingError
+from pmpnbp.settings import changed, preset
 
 if TYPE_CHECKING:
-    from pmpnbp.inference.problem import Problem
-    from pmpnbp.inference.run import Step
-    from pmpnbp.readout.snapshot import Snapshot
-    from pmpnbp.recording import Inputs, RecordingWriter
+    from pmpnbp.library.estimate import Estimate
+    from pmpnbp.library.session import Session
 
 OK, INTERRUPTED = 0, 130
 
@@ -42,109 +39,75 @@ def run(arguments: argparse.Namespace) -> int:
     cameras = _cameras(arguments.camera, arguments.scans)
     announce(arguments.quiet)
     # imported here: it compiles a kernel, before which a word is said
-    from pmpnbp.inference.run import steps
-    from pmpnbp.readout.snapshot import Criteria, snapshot
-    from pmpnbp.readout.verdict import verdict
-    from pmpnbp.scene.truth_file import load_truth
+    from pmpnbp.library.session import Session
 
-    problem, inputs = _problem(arguments, cameras)
-    truth = None if arguments.truth is None else load_truth(arguments.truth)
-
-    began = time.perf_counter()
-    step: Step | None = None
-    interrupted = False
-    try:
-        with (
-            _recorder(arguments.recording, inputs, problem) as recorder,
-            Progress(arguments.iterations, arguments.quiet) as bar,
-        ):
-            for step in steps(problem, arguments.iterations):
-                if recorder is not None:
-                    recorder.write(step.report, step.state)
-                bar.show(step.report)
-            assert step is not None
-            bar.finished(step.converged)
-    except KeyboardInterrupt:
-        interrupted = True
-        if step is None:
-            raise
-    assert step is not None
-    criteria = Criteria(max_std=arguments.max_std, truth=truth)
-    elapsed = time.perf_counter() - began
-    found = snapshot(problem, step.report, criteria, converged=step.converged, elapsed=elapsed)
-    try:
-        found = found.read_out(reading_out(arguments.quiet))
-    except KeyboardInterrupt:  # the estimate is there; nothing tells how sure it is
-        interrupted = True
-    _keep(found, arguments.recording)
-    result = found.result
+    with Session(
+        arguments.model,
+        arguments.scans,
+        camera=cameras,
+        roi=arguments.roi,
+        prior=arguments.prior,
+        method=arguments.method,
+        particles=arguments.particles,
+        iterations=arguments.iterations,
+        seed=arguments.seed,
+        max_std=arguments.max_std,
+        truth=arguments.truth,
+        recording=arguments.recording,
+        **_changes(arguments.config),
+    ) as session:
+        interrupted = _iterate(session, arguments)
+        found = None
+        try:
+            found = session.estimate(checkpoint=reading_out(arguments.quiet))
+        except KeyboardInterrupt:  # the estimate is there; nothing tells how sure it is
+            interrupted = True
+        stopped = found is None
+        found = found or session.estimate(posterior=False)
     if not arguments.quiet:
-        missing = found.placed.posterior is None and not found.report.searching
-        sys.stderr.write(("No verdict: the read-out was interrupted" if missing else verdict(result)) + "\n")
+        sys.stderr.write(("No verdict: the read-out was interrupted" if stopped else found.verdict) + "\n")
     if arguments.out is not None or not interrupted:
-        _write(result, arguments.out)
+        _write(found.to_dict(), arguments.out)
     if arguments.draws is not None:
-        _write_draws(found, arguments.draws)
+        _write_draws(found, "its read-out was interrupted" if stopped else None, arguments.draws)
     if not interrupted:
         return OK
     kept = "" if arguments.out is None else f", what was found so far is in '{arguments.out.name}'"
-    sys.stderr.write(f"pmpnbp estimate: interrupted after iteration {step.iteration}{kept}\n")
+    sys.stderr.write(f"pmpnbp estimate: interrupted after iteration {found.iteration}{kept}\n")
     return INTERRUPTED
 
 
-def _problem(arguments: argparse.Namespace, cameras: Sequence[Path | None]) -> tuple[Problem, Inputs]:
-    from pmpnbp import settings as settings_module
-    from pmpnbp.recording import prepare
-    from pmpnbp.scene.scan_files import load_scan
-
-    settings = settings_module.changed(settings_module.preset("robust"), _changes(arguments.config))
-    scans = [load_scan(scan, camera) for scan, camera in zip(arguments.scans, cameras, strict=True)]
-    return prepare(
-        arguments.model,
-        scans,
-        arguments.roi,
-        arguments.prior,
-        settings,
-        particles=arguments.particles,
-        seed=arguments.seed,
-        method=arguments.method,
-    )
-
-
-def _recorder(path: Path | None, inputs: Inputs, problem: Problem) -> AbstractContextManager[RecordingWriter | None]:
-    from pmpnbp.recording import RecordingWriter
-
-    return nullcontext(None) if path is None else RecordingWriter(path, inputs, problem.mrf.model)
-
-
-def _keep(found: Snapshot, path: Path | None) -> None:
-    """Put the posterior into the recording, where there is one: its draws are those that the result is of."""
-    from pmpnbp.recording import RecordingWriter
-
-    posterior = found.placed.posterior
-    if path is not None and posterior is not None:
-        with RecordingWriter.appending(path) as writer:
-            writer.keep(posterior)
+def _iterate(session: Session, arguments: argparse.Namespace) -> bool:
+    """To the end, with a bar; whether it was interrupted before."""
+    try:
+        with Progress(arguments.iterations, arguments.quiet) as bar:
+            bar.show(session.newest.report)
+            for iteration in session:
+                bar.show(iteration.report)
+            bar.finished(session.converged)
+    except KeyboardInterrupt:
+        return True
+    return False
 
 
 def _changes(assignments: Sequence[tuple[str, str]]) -> dict[str, str]:
+    """Settings by name. Raises SettingError for what is none, and for one that is given twice."""
     changes: dict[str, str] = {}
     for name, value in assignments:
         if name in changes:
             raise SettingError(f"setting '{name}' is given twice, as {changes[name]!r} and {value!r}; expected it once")
         changes[name] = value
+    changed(preset("robust"), changes)
     return changes
 
 
-def _cameras(cameras: Sequence[Path], scans: Sequence[Path]) -> list[Path | None]:
-    """The camera file of each scan: none, one for all, or one each."""
-    if len(cameras) <= 1:
-        return [cameras[0] if cameras else None] * len(scans)
-    if len(cameras) != len(scans):
+def _cameras(cameras: Sequence[Path], scans: Sequence[Path]) -> Sequence[Path] | None:
+    """The camera files: none, one for all, or one each. Raises ScanError for another number of them."""
+    if len(cameras) not in (0, 1, len(scans)):
         raise ScanError(
             f"--camera is given {len(cameras)} times for {len(scans)} scans; expected it once for all or once for each"
         )
-    return list(cameras)
+    return cameras or None
 
 
 def _check_inputs(arguments: argparse.Namespace) -> None:
@@ -194,17 +157,13 @@ def _write(result: dict[str, Any], out: Path | None) -> None:
     _write_whole(out, "--out", lambda partial: partial.write_text(text, encoding="utf-8"))
 
 
-def _write_draws(found: Snapshot, path: Path) -> None:
+def _write_draws(found: Estimate, interrupted: str | None, path: Path) -> None:
     """The posterior's draws as netCDF, or where there is no posterior yet, a sentence that says so."""
-    from pmpnbp.readout.arviz_export import to_inference_data
-
-    if found.placed.posterior is None:
-        why = "during the search there is no posterior" if found.report.searching else "its read-out was interrupted"
+    if found.posterior_iteration is None:
+        why = interrupted or "during the search there is no posterior"
         sys.stderr.write(f"--draws '{path.name}' is not written: {why}\n")
         return
-    problem = found.problem
-    of_run = {"method": problem.method, "seed": problem.seed, "frame_id": problem.observation.frame_id}
-    data = to_inference_data(problem.mrf.model, found.placed.posterior, seed=problem.seed, attributes=of_run)
+    data = found.to_arviz()
     _write_whole(path, "--draws", lambda partial: data.to_netcdf(str(partial)))
 
 

@@ -18,6 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmpnbp.errors import EstimateError
+from pmpnbp.library.estimated import (
+    Alternative,
+    JointEstimate,
+    LinkEstimate,
+    Nuisance,
+    alternative_of,
+    joint_of,
+    link_of,
+)
 from pmpnbp.readout.verdict import verdict
 
 Array = NDArray[np.float64]
@@ -37,109 +46,6 @@ class Scene(Protocol):
 
     def to_arviz(self, draws: int) -> Any:
         """Draws of its posterior."""
-
-
-@dataclass(frozen=True, eq=False)
-class Mode:
-    """One hypothesis of a link. weight : 0 to 1; pose : (7,) x y z qw qx qy qz, link in world; covariance : (6, 6)."""
-
-    weight: float
-    pose: Array
-    covariance: Array
-
-
-@dataclass(frozen=True, eq=False)
-class LinkEstimate:
-    """Where a link of the URDF is, and how sure that is. Metres; in the estimate's `frame_id`, "world".
-
-    pose : (7,) x y z qw qx qy qz, link in world
-    covariance : (6, 6) over x, y, z and rotations about fixed X, Y, Z, as ROS has it; std_xyz : (3,); expected_add :
-        mean distance over the link's surface (eq. 12) that the posterior expects; each None as long as there is no
-        posterior, expected_add also for a link without surface
-    certain : whether the fit is good, no other mode has it elsewhere, and no deviation is larger than `max_std`
-    visible_fraction : 0 to 1, log_likelihood : natural logarithm; None for a link without surface
-    modes : the posterior's hypotheses, heaviest first
-    particle_std_xyz : (3,), particle_modes : the spread and hypotheses of the algorithm's particles; no uncertainty
-    """
-
-    name: str
-    pose: Array
-    covariance: Array | None
-    std_xyz: Array | None
-    expected_add: float | None
-    certain: bool
-    visible_fraction: float | None
-    log_likelihood: float | None
-    modes: tuple[Mode, ...]
-    particle_std_xyz: Array
-    particle_modes: tuple[Mode, ...]
-
-    @property
-    def matrix(self) -> Array:
-        """(4, 4), the pose as a homogeneous matrix: points of the link, as columns, to world."""
-        from pmpnbp.geometry.poses import to_matrix  # imported here: it compiles a kernel
-
-        return to_matrix(self.pose)
-
-
-@dataclass(frozen=True, eq=False)
-class JointEstimate:
-    """Where a moving joint stands: metres for slides, radians for turns, of its K axes (1; planar 3, floating 6).
-
-    type : as in the URDF; parent, child : names of links
-    positions, lowers, uppers : (K,); stds : (K,) and intervals : (K, 2), the central 90 %, of the posterior, or None
-        as long as there is none
-    """
-
-    name: str
-    type: str
-    parent: str
-    child: str
-    positions: Array
-    stds: Array | None
-    intervals: Array | None
-    lowers: Array
-    uppers: Array
-
-    @property
-    def position(self) -> float:
-        """Of a joint with one axis. Raises EstimateError for one that has several, whose `positions` are asked for."""
-        return float(self._only(self.positions))
-
-    @property
-    def std(self) -> float | None:
-        """Likewise."""
-        return None if self.stds is None else float(self._only(self.stds))
-
-    @property
-    def interval(self) -> Array | None:
-        """(2,), likewise."""
-        return None if self.intervals is None else self._only(self.intervals)
-
-    def _only(self, values: Array) -> Any:
-        if len(values) != 1:
-            raise EstimateError(
-                f"joint '{self.name}' is {self.type} and has {len(values)} axes; ask for positions, stds and intervals"
-            )
-        return values[0]
-
-
-@dataclass(frozen=True, eq=False)
-class Alternative:
-    """One hypothesis of the whole object. weight : 0 to 1; poses : (7,) of each link by name; joints : (K,) by name."""
-
-    weight: float
-    poses: Mapping[str, Array]
-    joints: Mapping[str, Array]
-
-
-@dataclass(frozen=True)
-class Nuisance:
-    """What one thing that is no part of the object was taken for: value, its standard deviation, and its prior's."""
-
-    value: float
-    std: float
-    prior_std: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,9 +184,9 @@ def _estimate(members: Mapping[str, Any], scene: Scene | None) -> Estimate:
     told |= {name: members.get(name) for name in of_posterior}
     return Estimate(
         **told,
-        links={name: _link(name, entry) for name, entry in members["links"].items()},
-        joints={name: _joint(name, entry) for name, entry in members["joints"].items()},
-        alternatives=tuple(_alternative(entry) for entry in members.get("alternatives") or ()),
+        links={name: link_of(name, entry) for name, entry in members["links"].items()},
+        joints={name: joint_of(name, entry) for name, entry in members["joints"].items()},
+        alternatives=tuple(alternative_of(entry) for entry in members.get("alternatives") or ()),
         unknown=tuple(members.get("unknown") or ()),
         depth_noise=np.array(members.get("depth_noise") or (), dtype=np.float64),
         nuisances={name: Nuisance(**entry) for name, entry in (members.get("nuisances") or {}).items()},
@@ -288,64 +194,3 @@ def _estimate(members: Mapping[str, Any], scene: Scene | None) -> Estimate:
         _members=members,
         _scene=scene,
     )
-
-
-def _link(name: str, entry: Mapping[str, Any]) -> LinkEstimate:
-    covariance = entry["covariance"]
-    return LinkEstimate(
-        name=name,
-        pose=_pose(entry["pose"]),
-        covariance=None if covariance is None else _square(covariance),
-        std_xyz=_array(entry["std_xyz"]),
-        expected_add=entry.get("expected_add"),
-        certain=entry["certain"],
-        visible_fraction=entry["visible_fraction"],
-        log_likelihood=entry["log_likelihood"],
-        modes=_modes(entry["modes"]),
-        particle_std_xyz=np.array(entry["particle_std_xyz"], dtype=np.float64),
-        particle_modes=_modes(entry.get("particle_modes") or ()),
-    )
-
-
-def _joint(name: str, entry: Mapping[str, Any]) -> JointEstimate:
-    interval = _array(entry["interval"])
-    return JointEstimate(
-        name=name,
-        type=entry["type"],
-        parent=entry["parent"],
-        child=entry["child"],
-        positions=_axes(entry["position"]),
-        stds=None if entry["std"] is None else _axes(entry["std"]),
-        intervals=None if interval is None else interval.reshape(-1, 2),
-        lowers=_axes(entry["lower"]),
-        uppers=_axes(entry["upper"]),
-    )
-
-
-def _alternative(entry: Mapping[str, Any]) -> Alternative:
-    return Alternative(
-        entry["weight"],
-        {name: _pose(link["pose"]) for name, link in entry["links"].items()},
-        {name: _axes(position) for name, position in entry["joints"].items()},
-    )
-
-
-def _modes(entries: Any) -> tuple[Mode, ...]:
-    return tuple(Mode(one["weight"], _pose(one["pose"]), _square(one["covariance"])) for one in entries)
-
-
-def _pose(members: Mapping[str, Mapping[str, float]]) -> Array:
-    place, turn = members["position"], members["orientation"]
-    return np.array([*(place[axis] for axis in "xyz"), *(turn[axis] for axis in "wxyz")], dtype=np.float64)
-
-
-def _square(numbers: Any) -> Array:
-    return np.array(numbers, dtype=np.float64).reshape(6, 6)
-
-
-def _array(numbers: Any) -> Array | None:
-    return None if numbers is None else np.array(numbers, dtype=np.float64)
-
-
-def _axes(numbers: Any) -> Array:
-    return np.atleast_1d(np.array(numbers, dtype=np.float64))

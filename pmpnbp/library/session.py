@@ -91,7 +91,7 @@ class Session:
             known_model=loaded.object if loaded.triangles == asked.triangles else None,
         )
         known = None if truth is None else load_truth(Path(truth))
-        self.iterations: int = checked_option("iterations", iterations)
+        self.iterations: int = 0 if iterations == 0 else checked_option("iterations", iterations)
         self._begin(problem, inputs, Criteria(max_std=checked_option("max_std", max_std), truth=known), recording)
 
     def _begin(self, problem: Problem, inputs: Inputs, criteria: Criteria, recording: AnyPath | None) -> None:

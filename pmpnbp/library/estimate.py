@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmpnbp.errors import EstimateError
+from pmpnbp.json_text import read_json
 from pmpnbp.library.estimated import (
     Alternative,
     JointEstimate,
@@ -99,7 +100,7 @@ class Estimate:
     def load(path: str | PathLike[str]) -> Estimate:
         """The estimate in a result.json. Raises EstimateError."""
         try:
-            members = json.loads(Path(path).read_text(encoding="utf-8"))
+            members = read_json(Path(path).read_text(encoding="utf-8"))
         except OSError as error:
             raise EstimateError(f"result '{Path(path).name}' cannot be read: {error.strerror}") from None
         except ValueError as error:

@@ -11,9 +11,11 @@ from pmpnbp.errors import EstimateError
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
+from pmpnbp.inference.problem import Problem
 from pmpnbp.library.estimate import Estimate
+from pmpnbp.readout.placement import Placement, place
 from pmpnbp.readout.snapshot import Snapshot
-from pmpnbp.scene.articulated_object import ArticulatedObject, parts_of_links
+from pmpnbp.scene.articulated_object import parts_of_links
 
 
 class Iteration:
@@ -27,13 +29,14 @@ class Iteration:
         self,
         snapshot: Callable[[], Snapshot],
         estimate: Callable[[Snapshot], Estimate],
+        problem: Problem,
         report: IterationReport,
-        model: ArticulatedObject,
         converged: bool,
     ) -> None:
         self.report = report
         self.converged = converged
-        self._model = model
+        self._problem = problem
+        self._model = problem.mrf.model
         self._make = snapshot
         self._estimate = estimate
 
@@ -65,19 +68,19 @@ class Iteration:
 
     @property
     def poses(self) -> Mapping[str, Array]:
-        """Where the estimate has each link, by its name."""
-        return dict(zip(self._model.links, self.snapshot.placed.link_poses, strict=True))
+        """Where the algorithm has each link, by its name; where it is believed to be is the `estimate`'s to say."""
+        return dict(zip(self._model.links, self._placed.link_poses, strict=True))
 
     @property
     def joints(self) -> Mapping[str, Array]:
-        """(K,) positions of each joint that moves, metres or radians, by its name."""
-        vector = self.snapshot.placed.joint_positions
+        """(K,) positions of each joint that moves, metres or radians, by its name; likewise."""
+        vector = self._placed.joint_positions
         return {joint.name: joint.positions(vector) for joint in self._model.joints if joint.kind != "fixed"}
 
     def particles(self, link: str) -> Array:
         """(M, 7): the belief's particles about a link. Raises EstimateError for one that the model does not have."""
         self._node(link)
-        return self.snapshot.placed.particles[:, self._model.links.index(link)]
+        return self._placed.particles[:, self._model.links.index(link)]
 
     def log_weights(self, link: str) -> Array:
         """(M,): their natural log weights, of which the exponentials add up to 1. Raises EstimateError likewise."""
@@ -107,6 +110,10 @@ class Iteration:
     def snapshot(self) -> Snapshot:
         """The iteration read out, as `pmpnbp.readout.snapshot` has it."""
         return self._make()
+
+    @cached_property
+    def _placed(self) -> Placement:
+        return place(self._problem, self.report)
 
     def _node(self, link: str) -> int:
         parts = parts_of_links(self._model)

@@ -37,4 +37,5 @@ def show(recorded: Callable[[Path], Path]) -> None:
 
 def _end() -> None:
     for server in _servers:
-        server.terminate()
+        with server:  # waits for its end
+            server.terminate()

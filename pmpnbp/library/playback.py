@@ -76,11 +76,7 @@ class Playback:
     def _iteration(self, number: int) -> Iteration:
         found = self._archive.read(number)
         return Iteration(
-            lambda: found,
-            partial(self._estimate, self._scan(number)),
-            found.report,
-            found.problem.mrf.model,
-            found.converged,
+            lambda: found, partial(self._estimate, self._scan(number)), found.problem, found.report, found.converged
         )
 
     def _estimate(self, scan: Scan, found: Snapshot) -> Estimate:

@@ -188,8 +188,8 @@ class Session:
         self._newest = Iteration(
             partial(self._snapshot, step, self._problem, self._elapsed),
             partial(self._estimate, scans=scans, checkpoint=go_on),
+            self._problem,
             step.report,
-            self._problem.mrf.model,
             step.converged,
         )
 

@@ -149,6 +149,52 @@ def test_an_estimate_is_made_and_looked_at(
         assert stopped(process) == 0
 
 
+USER_CODE = """\
+from pathlib import Path
+
+import pmpnbp
+
+model: pmpnbp.Model = pmpnbp.load_model("cabinet.urdf")
+scan = pmpnbp.load_scan(Path("depth.png"), "camera.json")
+found: pmpnbp.Estimate = pmpnbp.estimate(model, scan, roi=[0, 0, 0, 1, 1, 1], particles=400, tolerance_end=0.01)
+slide: float = found.joints["slide1"].position
+place: list[float] = found.links["drawer1"].pose.tolist()
+verdict: str = found.verdict
+with pmpnbp.Session(model, [scan, "other.npy"], camera=["a.json", {"width": 3}], prior=Path("prior.json")) as session:
+    for iteration in session:
+        shape: tuple[int, ...] = iteration.particles("drawer1").shape
+    session.change(tolerance_end=0.02)
+    session.add_scan(scan, mode="replaces")
+try:
+    newest: pmpnbp.Iteration = pmpnbp.open_recording("recording.sqlite")[-1]
+except pmpnbp.PmpnbpError as error:
+    print(error)
+wrong: int = found.verdict
+"""
+
+
+def test_three_lines_of_python_give_an_estimate(run: Run, repository: Path) -> None:
+    cabinet = repository / "sample_data" / "cabinet"
+    scan = f"{str(cabinet / 'open' / 'depth.png')!r}, camera={str(cabinet / 'open' / 'camera.json')!r}"
+    lines = (
+        "import pmpnbp",
+        f"found = pmpnbp.estimate({str(cabinet / 'cabinet.urdf')!r}, {scan}, particles=40, search_proposals=300)",
+        "print(found.verdict, list(found.joints))",
+    )
+    done = run("python", "-c", "\n".join(lines))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.endswith("['slide1', 'slide2', 'slide3']\n")
+
+
+def test_types_of_the_library_hold_in_code_that_uses_it(run: Run, surroundings: dict[str, Any]) -> None:
+    """Of strictly checked code the one wrong line is found, and nothing else, in its own and in ours."""
+    (surroundings["cwd"] / "user_code.py").write_text(USER_CODE)
+    done = run("python", "-m", "mypy", "--strict", "user_code.py")
+    found = done.stdout.splitlines()
+    assert len(found) == 2 and found[0].startswith(f"user_code.py:{len(USER_CODE.splitlines())}: error: "), done.stdout
+    assert '(expression has type "str", variable has type "int")' in found[0]
+
+
 def test_the_server_has_its_pages_its_samples_and_the_sample_session(
     programs: Path, surroundings: dict[str, Any]
 ) -> None:

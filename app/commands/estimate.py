@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
         stopped = found is None
         found = found or session.estimate(posterior=False)
     if not arguments.quiet:
-        sys.stderr.write(("No verdict: the read-out was interrupted" if stopped else found.verdict) + "\n")
+        sys.stderr.write(("No verdict: the read-out was interrupted" if stopped else found.summary) + "\n")
     if arguments.out is not None or not interrupted:
         _write(found.to_dict(), arguments.out)
     if arguments.draws is not None:

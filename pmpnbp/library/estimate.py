@@ -28,12 +28,14 @@ from pmpnbp.library.estimated import (
     joint_of,
     link_of,
 )
-from pmpnbp.readout.verdict import verdict
+from pmpnbp.readout.verdict import advice, verdict
 
 Array = NDArray[np.float64]
 
 # Of the picture in a notebook, pixels.
 PICTURE_WIDTH = 480
+# Joints that a summary names.
+SUMMED_UP = 6
 
 
 class Scene(Protocol):
@@ -116,6 +118,14 @@ class Estimate:
     def verdict(self) -> str:
         """One line: was the object found, and what of it is certain?"""
         return verdict(self._members)
+
+    @property
+    def summary(self) -> str:
+        """Three lines: the verdict, where the joints stand with their central 90 %, and what to do next."""
+        rows = _rows(self)
+        told = "; ".join(f"{name} {row}" for name, row in rows[:SUMMED_UP])
+        more = f"; and {len(rows) - SUMMED_UP} more" if len(rows) > SUMMED_UP else ""
+        return "\n".join([self.verdict, told + more, advice(self._members)])
 
     def picture(self, width: int | None = None) -> bytes:
         """PNG: the estimate drawn over the scan as its camera sees it. width : pixels, default: the camera's. Raises

@@ -1,4 +1,4 @@
-"""What does a result say in one line? Imports nothing that takes time: programs that only ask a server have it, too."""
+"""What does a result say in words? Imports nothing that takes time: programs that only ask a server have it, too."""
 
 from __future__ import annotations
 
@@ -20,3 +20,16 @@ def verdict(result: Mapping[str, Any]) -> str:
         return f"Found: {result['fit_reason']}; all {len(links)} links are certain"
     certain = f"{len(links) - len(unsure)} of {len(links)} links are certain"
     return f"Found: {result['fit_reason']}; {certain}, not {some_of(unsure)}"
+
+
+def advice(result: Mapping[str, Any]) -> str:
+    """One line about a result: what to do next?"""
+    if result["fit"] is None:
+        return "Next: let it make more iterations"
+    if result["fit"] != "good":
+        return "Next: look again from another place, and give a box around the object, if you know one"
+    unsure = [name for name, link in result["links"].items() if not link["certain"]]
+    limit = f"{1000 * result['max_std']:g} mm"
+    if not unsure:
+        return f"Next: act; every link is known to {limit}"
+    return f"Next: act on what is certain, or look again from where {some_of(unsure)} can be seen; {limit} is asked for"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -259,7 +260,10 @@ def test_a_long_read_out_is_told_of(capsys: Capture, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(progress, "SOON", 0.0)
     assert main(["estimate", *SCAN, *QUICK]) == 0
     again, said = capsys.readouterr()
-    assert said.splitlines()[-2:] == ["reading out the posterior ...", verdict(json.loads(again))]
+    *_, first, found, joints, advice = said.splitlines()
+    assert (first, found) == ("reading out the posterior ...", verdict(json.loads(again)))
+    assert re.fullmatch(r"(joint slide\d [\d.]+ \([\d.]+ to [\d.]+\) cm(; )?){3}", joints)
+    assert advice.startswith("Next: ")
     assert main(["estimate", *SCAN, *QUICK, "--quiet"]) == 0
     quiet, said = capsys.readouterr()
     assert said == ""

@@ -114,6 +114,26 @@ def test_it_reads_well() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("change", "advice"),
+    [
+        ({}, "Next: act on what is certain, or look again from where base, tray can be seen; 2.5 mm is asked for"),
+        ({"links": {"base": LINK | {"certain": True}}}, "Next: act; every link is known to 2.5 mm"),
+        ({"fit": "doubtful"}, "Next: look again from another place, and give a box around the object, if you know one"),
+        ({"fit": "none"}, "Next: look again from another place, and give a box around the object, if you know one"),
+        ({"fit": None}, "Next: let it make more iterations"),
+    ],
+)
+def test_a_summary_is_three_lines(change: dict[str, Any], advice: str) -> None:
+    found = pmpnbp.Estimate.from_dict(RESULT | change)
+    verdict, joints, last = found.summary.splitlines()
+    assert (verdict, last) == (found.verdict, advice)
+    assert joints.startswith("joint slide 10.00 (9.00 to 12.00) cm; joint hinge 30.00°; joint floor ")
+    many = {f"j{number}": SLIDE | ENDS for number in range(29)}
+    long = pmpnbp.Estimate.from_dict(RESULT | change | {"joints": many})
+    assert long.summary.splitlines()[1].endswith("joint j5 10.00 (9.00 to 12.00) cm; and 23 more")
+
+
 def test_names_cannot_put_markup_into_a_notebook() -> None:
     hostile = RESULT | {"model": "<script>", "joints": {"<b>": SLIDE | ENDS}, "fit_reason": "<i>"}
     shown = pmpnbp.Estimate.from_dict(hostile)._repr_html_()

@@ -21,6 +21,8 @@ OWN, BASELINE = "the processor's own", "the old common baseline"
 WITHOUT_NUMBERS = (
     "tests/benchmarks",
     "tests/browser",
+    "tests/client",
+    "tests/library",
     "tests/recording",
     "tests/reproduce/test_experiments.py",
     "tests/reproduce/test_runs.py",

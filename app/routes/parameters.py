@@ -12,7 +12,7 @@ import anyio.to_thread
 from fastapi import Depends, Path, Query, Request
 
 from app.problems import HttpProblem
-from app.routes.turns import client_gone, long_turn
+from app.routes.turns import client_gone, short_turn
 from app.sessions.session import Session
 from app.sessions.sessions import Sessions
 from app.sessions.source import Source
@@ -64,20 +64,14 @@ async def told(
 ) -> tuple[Source, Snapshot]:
     """What `read` gives, with its posterior where it is not of the search, for calls in the event loop. HttpProblem
     404, 409, and 408, which nobody hears."""
-    source, snapshot = await anyio.to_thread.run_sync(read, request, session_id, iteration, links)
+    async with short_turn(request):
+        source, snapshot = await anyio.to_thread.run_sync(read, request, session_id, iteration, links)
     return source, await read_out(request, source, snapshot)
 
 
 async def read_out(request: Request, source: Source, snapshot: Snapshot) -> Snapshot:
-    """The snapshot with its posterior, for calls in the event loop: it is read out elsewhere, in the client's turn and
-    for as long as it stays. HttpProblem 409, and 408, which nobody hears."""
-    if snapshot.placed.posterior is not None or snapshot.report.searching:
-        return snapshot
-    async with long_turn(request):
-        return await _read_out(request, source, snapshot)
-
-
-async def _read_out(request: Request, source: Source, snapshot: Snapshot) -> Snapshot:
+    """The snapshot with its posterior, for calls in the event loop: it is read out elsewhere, once for all who ask for
+    it, for as long as the client stays. HttpProblem 409, and 408, which nobody hears."""
     asked = asyncio.wrap_future(source.read_outs.ask(snapshot))
     gone = asyncio.ensure_future(_gone(request))
     try:

@@ -6,6 +6,7 @@ import os
 import threading
 import time
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path as FilePath
 from tempfile import TemporaryDirectory
 from typing import Annotated, BinaryIO, Literal
@@ -61,7 +62,7 @@ async def get_estimate(
     session = await find_source(request, session_id)
     if iteration is not None:
         async with short_turn(request):
-            snapshot = await anyio.to_thread.run_sync(_recorded, session, iteration)
+            snapshot = await anyio.to_thread.run_sync(session.archive.read, iteration)
     else:
         snapshot = await _newest(session, wait, timeout)
     tail = json_bytes({"session_id": session.id, "state": session.state})
@@ -70,15 +71,10 @@ async def get_estimate(
     snapshot.asked.set()
     text = snapshot.known_text
     if text is None:
-        text = await anyio.to_thread.run_sync(_text, snapshot)
+        # the newest's is made once for all, and nobody waits for another one's
+        async with nullcontext() if snapshot is session.archive.present else short_turn(request):
+            text = await anyio.to_thread.run_sync(_text, snapshot)
     return Response(text[:-1] + b"," + tail[1:], media_type="application/json")
-
-
-def _recorded(session: Source, iteration: int) -> Snapshot:
-    """With its text made, so that it is made in turn."""
-    snapshot = session.archive.read(iteration)
-    _text(snapshot)
-    return snapshot
 
 
 def _text(snapshot: Snapshot) -> bytes:
@@ -121,7 +117,8 @@ async def get_posterior(
     """Draws of the posterior: poses of the link in world, metres, with log weights. Draw i of every link is of one
     configuration of the whole object. During the search there is none; before rest it is read out for this call."""
     session, snapshot = await told(request, session_id, iteration, [link])
-    return await anyio.to_thread.run_sync(_draws, session, snapshot, link, form)
+    async with short_turn(request):
+        return await anyio.to_thread.run_sync(_draws, session, snapshot, link, form)
 
 
 def _draws(session: Source, snapshot: Snapshot, link: str, form: Format) -> Response:
@@ -152,7 +149,8 @@ async def get_posterior_coordinates(
     what to set against each other, to see what the scan ties together."""
     asked = [] if links is None else list(dict.fromkeys(links.split(",")))
     session, snapshot = await told(request, session_id, iteration, asked)
-    return await anyio.to_thread.run_sync(_coordinates, session, snapshot, asked)
+    async with short_turn(request):
+        return await anyio.to_thread.run_sync(_coordinates, session, snapshot, asked)
 
 
 def _coordinates(session: Source, snapshot: Snapshot, asked: list[str]) -> Response:

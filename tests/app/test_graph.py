@@ -8,11 +8,11 @@ from itertools import combinations
 import httpx
 import numpy as np
 import pytest
-from tests.app.test_palette import VISION, lab
 
 from app.schemas_particles import Graph
 from pmpnbp.pictures.palette import DARK_PAPER, STANDS_OUT, contrast, hexadecimal, part_colour, part_colour_on_dark, rgb
 from tests.app import small_sessions as small
+from tests.pictures.test_palette import VISION, lab
 
 WAGON = """<robot name="wagon">
   <link name="ground"/>

@@ -12,7 +12,6 @@ import httpx
 import numpy as np
 import pytest
 from PIL import Image
-from tests.app.test_palette import VISION, lab
 
 from app.schemas_particles import HeaviestParticles, Marginals, ParticleReasons
 from pmpnbp.pictures import particle_picture as pictures
@@ -20,6 +19,7 @@ from pmpnbp.pictures.palette import KIND_COLOURS, rgb
 from pmpnbp.potentials.pixel_kinds import PixelKind
 from pmpnbp.recording import Recording
 from tests.app import small_sessions as small
+from tests.pictures.test_palette import VISION, lab
 
 
 @pytest.fixture(scope="module")

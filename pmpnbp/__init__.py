@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from pmpnbp.errors import PmpnbpError
 
 if TYPE_CHECKING:
+    from pmpnbp.client.client import Client
     from pmpnbp.library.estimate import Estimate
     from pmpnbp.library.inputs import Model, load_model, load_scan
     from pmpnbp.library.iteration import Iteration
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 # Where each name is: importing them takes seconds, which whoever uses only some of them should not wait for.
 _PLACES = {
+    "Client": "pmpnbp.client.client",
     "Estimate": "pmpnbp.library.estimate",
     "Iteration": "pmpnbp.library.iteration",
     "Model": "pmpnbp.library.inputs",
@@ -36,6 +38,7 @@ _PLACES = {
 }
 
 __all__ = [
+    "Client",
     "Estimate",
     "Iteration",
     "Model",

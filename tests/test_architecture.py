@@ -33,6 +33,7 @@ FLOORS = (
     "pmpnbp.pictures",
     "pmpnbp.recording",
     "pmpnbp.library",
+    "pmpnbp.client",
     "app",  # its single files: what all folders of the server stand on
     "app.store",
     "app.uploads",
@@ -84,6 +85,8 @@ def objections(module: str, source: str) -> list[str]:
             found.append(f"{module} imports {name}: kernels import nothing of ours")
         if within(module, "pmpnbp") and name.split(".")[0] in WEB:
             found.append(f"{module} imports {name}: pmpnbp knows no web and no screen")
+        if within(module, "pmpnbp") and within(name, "httpx") and not within(module, "pmpnbp.client"):
+            found.append(f"{module} imports {name}: of pmpnbp only pmpnbp.client does")
         if within(name, "yourdfpy") and module != "pmpnbp.scene.urdf":
             found.append(f"{module} imports {name}: only pmpnbp.scene.urdf does")
     return found
@@ -114,6 +117,8 @@ MODULES = dict(modules())
         ("pmpnbp.inference.run", "from fastapi.responses import JSONResponse", "no web"),
         ("pmpnbp.recording", "import app.cli", "no web"),
         ("pmpnbp.__main__", "from app.cli import main", "no web"),
+        ("pmpnbp.client.session", "from app.schemas import Until", "no web"),
+        ("pmpnbp.library.estimate", "import httpx", "only pmpnbp.client"),
         ("app.problems", "from app.store.atomic_files import read_json", "floor above"),
         ("app.store.store", "from app.sessions.session import Session", "floor above"),
         ("pmpnbp.scene.meshes", "from yourdfpy import URDF", "only pmpnbp.scene.urdf"),
@@ -130,6 +135,7 @@ def test_a_breach_is_seen(module: str, source: str, objection: str) -> None:
         ("pmpnbp.inference.run", "import numpy\nfrom pmpnbp.potentials.kernels import rasteriser"),
         ("pmpnbp.scene.urdf", "from yourdfpy import URDF\nfrom pmpnbp.errors import ModelError"),
         (f"{KERNELS}.splatting", f"import numba\nfrom {KERNELS}.reference import score"),
+        ("pmpnbp.client.calls", "import httpx\nfrom pmpnbp.library.estimate import Estimate"),
         ("app.server", "import fastapi\nfrom pmpnbp import recording"),
     ],
 )

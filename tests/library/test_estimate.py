@@ -195,7 +195,7 @@ def test_importing_takes_nothing_that_takes_long() -> None:
         "import sys, pmpnbp\n"
         "assert 'numpy' not in sys.modules\n"
         "assert set(pmpnbp.__all__) <= set(dir(pmpnbp))\n"
-        "from pmpnbp import Estimate, Model, load_model, load_scan\n"
+        "from pmpnbp import Client, Estimate, Model, load_model, load_scan\n"
         "heavy = {'numba', 'scipy', 'open3d', 'trimesh', 'fastapi', 'viser', 'app'} & set(sys.modules)\n"
         "assert not heavy, heavy\n"
         "for name in pmpnbp.__all__: getattr(pmpnbp, name)\n"

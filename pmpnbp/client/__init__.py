@@ -1,0 +1,1 @@
+"""What `pmpnbp.Client` offers: estimates, sessions and recordings of a server elsewhere, over REST."""

@@ -1,0 +1,291 @@
+"""A session on a server: what it is told, and what it tells."""
+
+from __future__ import annotations
+
+import os
+import time
+import uuid
+import webbrowser
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal, TypeVar, cast
+
+import httpx
+from numpy.typing import ArrayLike
+
+from pmpnbp.client import event_stream, particles
+from pmpnbp.client.calls import COMPUTING_SECONDS, Call, Calls, path_of, understood
+from pmpnbp.client.decisions import Decision, View, question
+from pmpnbp.client.entries import Scan
+from pmpnbp.client.event_stream import Event
+from pmpnbp.client.particles import Belief, Message, PosteriorDraws
+from pmpnbp.client.uploads import Members, ScanSource, known_id, upload_scan
+from pmpnbp.errors import EstimateError, PmpnbpError, ServerError, StorageError
+from pmpnbp.library.estimate import Estimate
+
+Goal = Literal["iterations", "converged", "certain"]
+Wait = Literal["converged", "certain", "idle"]
+Told = TypeVar("Told")
+
+# Seconds that one call waits for a session: below the minute after which proxies give a silent server up.
+WAIT_SECONDS = 50.0
+_BUSY = ("running", "waiting")
+
+
+class RemoteSession:
+    """One session; made by `Client.session` and `Client.open_session`. Thread-safe.
+
+    Every method may raise ServerError: its text is the server's sentence, its `status` that of HTTP, and None where no
+    server answered. An iteration is a number from 0, the start, on; None: the newest.
+
+    id : 16 hexadecimal digits; name : what people call it, or None
+    """
+
+    def __init__(self, calls: Calls, members: Mapping[str, Any]) -> None:
+        self._calls = calls
+        self.id: str = members["id"]
+        self.name: str | None = members["name"]
+        self._page: str = members["view_url"]
+
+    def __repr__(self) -> str:
+        called = "" if self.name is None else f", '{self.name}',"
+        return f"<RemoteSession {self.id}{called} on {self._calls.address}>"
+
+    @property
+    def url(self) -> str:
+        """Of its page. A server with a token lets a browser in that has opened a link with the token before."""
+        return self._calls.address + self._page
+
+    def show(self) -> None:
+        """Open its page in a browser, by a link with the token where there is one. Raises PmpnbpError where none
+        opens."""
+        if not webbrowser.open(self._calls.link(self._page)):
+            raise PmpnbpError(f"no browser opens on this machine; the page is at {self.url}")
+
+    # What it is told
+
+    def run(self, iterations: int | None = None, until: Goal = "iterations") -> dict[str, Any]:
+        """Iterate in the background, and return at once.
+
+        iterations : so many more; None: up to the session's own number, that many where it has made them
+        until : end before that as soon as the inference is at rest ("converged"), or every link is "certain"; what is
+            at rest will not become certain by iterating, and ends, too
+
+        Gives what `status` does.
+        """
+        asked = {"until": until} if iterations is None else {"iterations": iterations, "until": until}
+        return self._told("POST", "run", json=asked)
+
+    def step(self, iterations: int = 1) -> dict[str, Any]:
+        """So many more iterations (1 to 1000), and wait for them however long they take. Gives what `status` does."""
+        return self._told("POST", "step", json={"iterations": iterations}, read_seconds=None)
+
+    def pause(self) -> dict[str, Any]:
+        """Stop after the present iteration. Gives what `status` does."""
+        return self._told("POST", "pause")
+
+    def reset(self) -> dict[str, Any]:
+        """Back to iteration 0, with the settings and scans now in force. Gives what `status` does."""
+        return self._told("POST", "reset")
+
+    def change(self, **settings: bool | int | float | str) -> dict[str, Any]:
+        """Other settings from the next iteration on; those not named stay. Gives what `status` does."""
+        return self._told("PATCH", json={"config": settings})
+
+    def add_scan(
+        self, scan: Scan | ScanSource, mode: Literal["joins", "replaces"] = "joins", *, camera: Members | None = None
+    ) -> dict[str, Any]:
+        """Another scan in the same world frame, from the next iteration on.
+
+        scan : one of the server's, its id, or what `Client.upload_scan` takes, with `camera`
+        mode : it "joins" the others as a further view of the same scene, or "replaces" them, as the scene has changed
+
+        Gives what `status` does. Raises ScanError where a scan to upload cannot be used.
+        """
+        id = known_id(scan)
+        if id is None:
+            id = upload_scan(self._calls, cast(ScanSource, scan), camera).id
+        return self._told("POST", "scans", json={"scan_id": id, "mode": mode})
+
+    def delete(self) -> None:
+        """Delete it, and its recording."""
+        self._calls.answer(Call(method="DELETE", path=path_of("sessions", self.id), repeatable=True))
+
+    # What it tells
+
+    def status(self) -> dict[str, Any]:
+        """What it was made of and how far it is: state (paused, waiting, running, failed or recorded), iteration,
+        converged, certain, fit, error and all that `GET /api/v1/sessions/{id}` describes."""
+        return self._read("a session", httpx.Response.json)
+
+    def wait(self, until: Wait = "converged", timeout: float = 600.0) -> Estimate:
+        """The estimate once that is so, or once the session has come to rest without it: what comes says which.
+
+        until : nothing moves any more ("converged"), every link is "certain", or it does not iterate ("idle")
+        timeout : seconds; ServerError where they are over, and where the session is failed
+        """
+        end = time.monotonic() + timeout
+        while True:
+            left = max(0.0, end - time.monotonic())
+            seconds = min(left, WAIT_SECONDS)
+            members = self._read("an estimate", httpx.Response.json, "estimate", wait=until, timeout=seconds)
+            with understood("an estimate"):
+                state, so = members["state"], until != "idle" and members[until]
+            if state not in _BUSY:
+                self._check()
+                return self._estimate(members)
+            # an estimate knows nothing of a change that no iteration has seen yet
+            if so and self.status()[until]:
+                return self._estimate(members)
+            if left == 0.0:
+                raise ServerError(f"session '{self.id}' is not {until} after {timeout:g} s, but {state}")
+
+    def estimate(self, iteration: int | None = None, posterior: bool = False) -> Estimate:
+        """Where every link is, and how sure that is, as result.json has it; metres and radians, in world. It can be
+        drawn (`picture`) and shown (`show`).
+
+        posterior : read the posterior out though the inference is not at rest in that iteration
+        """
+        wanted = "true" if posterior else None
+        members = self._read("an estimate", httpx.Response.json, "estimate", iteration=iteration, posterior=wanted)
+        return self._estimate(members)
+
+    def picture(self, width: int | None = None, iteration: int | None = None) -> bytes:
+        """PNG: the estimate over its first scan, as the camera sees it. width : pixels; default: the camera's."""
+        return self._read("a picture", httpx.Response.read, "estimate.png", width=width, iteration=iteration)
+
+    def decision(
+        self,
+        links: str | Sequence[str] | None = None,
+        max_std: float | None = None,
+        views: Iterable[ArrayLike | tuple[ArrayLike, float] | View] | None = None,
+    ) -> Decision:
+        """Act on the estimate, or look again, and from where?
+
+        links : names of those that count; default: all
+        max_std : metres, up to which a link is certain; default: the session's
+        views : the planner's own, to be ranked: poses (7,) x y z qw qx qy qz, metres, pose_world_camera, optical, or
+            pairs of such a pose and its cost (1 where none is given); default: views around the object
+
+        Raises PmpnbpError for a view that is none.
+        """
+        asked = Call(
+            method="POST",
+            path=path_of("sessions", self.id, "decision"),
+            json=question(links, max_std, views),
+            repeatable=True,  # it changes nothing
+            read_seconds=COMPUTING_SECONDS,
+        )
+        answer = self._calls.answer(asked)
+        with understood("a decision"):
+            return Decision.from_dict(answer.json())
+
+    def belief(self, link: str, iteration: int | None = None) -> Belief:
+        """What is believed of a link: the particles of its part, carried to it."""
+        return self._npz("a belief", particles.belief, "beliefs", link, iteration=iteration)
+
+    def message(self, sender: str, receiver: str, iteration: int | None = None) -> Message:
+        """What the part of one link says about the place of another's, that a joint connects with it."""
+        return self._npz("a message", particles.message, "messages", sender, receiver, iteration=iteration)
+
+    def posterior(self, link: str, iteration: int | None = None) -> PosteriorDraws:
+        """Where a link may be, given the scan: draws of the posterior, read out for this where that is not done yet."""
+        return self._npz("a posterior", particles.posterior_draws, "posterior", link, iteration=iteration)
+
+    def trace(self, after: int = -1) -> list[dict[str, Any]]:
+        """A row for each iteration beyond `after`: seconds, effective sample size, standard deviations, notes, and all
+        that `GET /api/v1/sessions/{id}/trace` describes."""
+
+        def rows(response: httpx.Response) -> list[dict[str, Any]]:
+            return list(response.json()["iterations"])
+
+        return self._read("a trace", rows, "trace", after=after)
+
+    def events(self, last_event_id: int | None = None) -> Iterator[Event]:
+        """What happens, as it happens, whatever becomes of the connection; ends when the session is deleted.
+
+        last_event_id : go on after this event; default: begin with the newest iteration and the state
+        """
+        return event_stream.events(self._calls, path_of("sessions", self.id, "events"), last_event_id)
+
+    def recording(self, path: str | PathLike[str]) -> Path:
+        """The session as a file at `path`, which `pmpnbp view` and `pmpnbp.open_recording` open: all of it, or nothing
+        where it does not come to its end. Raises StorageError where it cannot be written there."""
+        place = Path(path)
+        partial = place.with_name(f".{place.name}.{uuid.uuid4().hex}.partial")
+
+        def write(response: httpx.Response) -> None:
+            with partial.open("wb") as file:
+                for chunk in response.iter_bytes():
+                    file.write(chunk)
+
+        call = Call(
+            method="GET",
+            path=path_of("sessions", self.id, "recording"),
+            repeatable=True,
+            read_seconds=COMPUTING_SECONDS,
+        )
+        try:
+            self._calls.used(call, write)
+            os.replace(partial, place)
+        except OSError as error:
+            raise StorageError(f"recording '{place.name}' cannot be written: {error.strerror}") from None
+        finally:
+            partial.unlink(missing_ok=True)
+        return place
+
+    # How
+
+    def _told(self, method: str, *steps: str, json: Any = None, read_seconds: float | None = COMPUTING_SECONDS) -> Any:
+        path = path_of("sessions", self.id, *steps)
+        answer = self._calls.answer(Call(method=method, path=path, json=json, read_seconds=read_seconds))
+        with understood("a session"):
+            return answer.json()
+
+    def _read(
+        self,
+        what: str,
+        read: Callable[[httpx.Response], Told],
+        *steps: str,
+        read_seconds: float = COMPUTING_SECONDS,
+        **params: Any,
+    ) -> Told:
+        response = self._calls.get("sessions", self.id, *steps, read_seconds=read_seconds, **params)
+        with understood(what):
+            return read(response)
+
+    def _npz(self, what: str, read: Callable[[bytes], Told], *steps: str, iteration: int | None) -> Told:
+        return self._read(what, lambda response: read(response.content), *steps, iteration=iteration, format="npz")
+
+    def _check(self) -> None:
+        """ServerError where it is failed."""
+        status = self.status()
+        if status["state"] == "failed":
+            raise ServerError(f"session '{self.id}' is failed: {status['error']}")
+
+    def _estimate(self, members: Mapping[str, Any]) -> Estimate:
+        with understood("an estimate"):
+            result = {name: value for name, value in members.items() if name not in ("session_id", "state")}
+            return Estimate.from_dict(result, _Iteration(self, result["iteration"]))
+
+
+@dataclass(frozen=True)
+class _Iteration:
+    """What an estimate was made of."""
+
+    session: RemoteSession
+    iteration: int
+
+    def picture(self, width: int | None) -> bytes:
+        """PNG."""
+        return self.session.picture(width, self.iteration)
+
+    def show(self) -> None:
+        """The session's page."""
+        self.session.show()
+
+    def to_arviz(self, draws: int) -> Any:
+        """Raises EstimateError: a server gives the draws of one link at a time."""
+        raise EstimateError("a server gives draws link by link; ask the session's `posterior(link)` for them")

@@ -8,12 +8,13 @@ from fastapi import APIRouter, Request
 
 from app.problems import responses
 from app.routes.parameters import SessionId, sessions_of
+from app.routes.turns import ShortTurnRoute
 from app.schemas_particles import Graph
 from pmpnbp.pictures.palette import hexadecimal, part_colour, part_colour_on_dark
 from pmpnbp.readout.result import number_or_list
 from pmpnbp.scene.articulated_object import Joint
 
-router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"])
+router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"], route_class=ShortTurnRoute)
 
 
 @router.get("/graph", response_model=Graph, summary="Parts and joints as a graph", responses=responses(404, 409))

@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
-from collections.abc import Mapping
 from contextlib import nullcontext
-from pathlib import Path as FilePath
-from tempfile import TemporaryDirectory
-from typing import Annotated, BinaryIO, Literal
+from typing import Annotated, Literal
 
 import anyio.to_thread
 from fastapi import APIRouter, Query, Request, Response
-from fastapi.responses import StreamingResponse
-from starlette.types import Receive, Scope, Send
 
 from app import schemas_results as schemas
-from app.documentation import BINARY, answer
+from app.documentation import answer
 from app.particle_files import Format, written
 from app.problems import HttpProblem, responses
 from app.routes.named import Link, NamedRoute
-from app.routes.parameters import Iteration, SessionId, find_source, read_out, sessions_of, told
+from app.routes.parameters import Iteration, SessionId, find_source, read_out, told
 from app.routes.particle_answers import FILES, FormatQuery, file_of, members_of
-from app.routes.recordings import MEDIA_TYPE
 from app.routes.turns import short_turn
 from app.sessions.source import Source
-from app.store.store import safe_name
-from pmpnbp.errors import storage_told
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.coordinates import coordinates
 from pmpnbp.readout.posterior import Posterior
@@ -36,8 +27,6 @@ from pmpnbp.readout.snapshot import Snapshot
 router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["results"], route_class=NamedRoute)
 
 Wait = Literal["certain", "converged", "idle"]
-# Bytes of a recording sent at a time.
-_CHUNK = 1 << 18
 
 
 @router.get(
@@ -165,41 +154,6 @@ def _coordinates(session: Source, snapshot: Snapshot, asked: list[str]) -> Respo
         "coordinates": [vars(one) | {"values": one.values.tolist()} for one in found],
     }
     return Response(json_bytes(members), media_type="application/json")
-
-
-@router.get(
-    "/recording",
-    response_class=StreamingResponse,
-    summary="The session as a file",
-    responses=answer("A SQLite file.", content={MEDIA_TYPE: BINARY}) | responses(404, 409, 507),
-)
-def get_recording_of_session(session_id: SessionId, request: Request) -> StreamingResponse:
-    """A consistent copy, also while the session runs: model, scans, settings and every iteration so far. POST
-    /api/v1/recordings takes it, and `pmpnbp view` opens it."""
-    # the copy has no name any more when it is sent: nothing is left of it, however the call ends
-    session = sessions_of(request).get(session_id)
-    title = safe_name(f"{session.status()['name'] or session.id}.sqlite")
-    with storage_told(), TemporaryDirectory(dir=request.app.state.store.root / "incoming") as folder:
-        copy = FilePath(folder) / "recording.sqlite"
-        session.archive.copy_to(copy)
-        file = copy.open("rb")
-    headers = {
-        "Content-Disposition": f'attachment; filename="{title}"',
-        "Content-Length": str(os.fstat(file.fileno()).st_size),
-    }
-    return _FileSent(file, headers)
-
-
-class _FileSent(StreamingResponse):
-    """An open file, closed at once also where its client goes away, and not when its memory is collected some day."""
-
-    def __init__(self, file: BinaryIO, headers: Mapping[str, str]) -> None:
-        super().__init__(iter(lambda: file.read(_CHUNK), b""), media_type=MEDIA_TYPE, headers=headers)
-        self._file = file
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        with self._file:
-            await super().__call__(scope, receive, send)
 
 
 def _posterior_of(snapshot: Snapshot) -> Posterior:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from typing import Any
+from typing import Any, ClassVar
 from weakref import WeakValueDictionary
 
 from fastapi import Request, Response
@@ -47,18 +47,31 @@ def short_turn(request: Request) -> AbstractAsyncContextManager[None]:
     return _turn(request.app.state.short_turns, request)
 
 
-class ShortTurnRoute(NamedRoute):
-    """A route whose answers are made in `short_turn`, and sent after it: who reads slowly keeps nobody waiting."""
+class _TurnRoute(NamedRoute):
+    # whose turns: the name that the application knows them by
+    turns: ClassVar[str]
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """As of any route, in turn."""
         handler = super().get_route_handler()
 
         async def in_turn(request: Request) -> Response:
-            async with short_turn(request):
+            async with _turn(getattr(request.app.state, self.turns), request):
                 return await handler(request)
 
         return in_turn
+
+
+class ShortTurnRoute(_TurnRoute):
+    """A route whose answers are made in `short_turn`, and sent after it: who reads slowly keeps nobody waiting."""
+
+    turns = "short_turns"
+
+
+class LongTurnRoute(_TurnRoute):
+    """The same in `long_turn`."""
+
+    turns = "long_turns"
 
 
 def client_gone() -> HttpProblem:

@@ -28,7 +28,7 @@ MOST_KEPT = 300 * MIB
 # Calls of one client at once, a decision about so many places to look from, and the share of the rate that they have to
 # leave to a session that iterates.
 CROWD, PLACES, LEAST_BESIDE_CROWDS = 40, 100, 0.2
-# {seen} is at its iteration 8, {session} iterates and is beyond {iteration}.
+# {seen} is at its iteration 8, {session} iterates and is beyond {iteration}; the search has no posterior: 404.
 CROWDS = {
     "decisions": "{seen}/decision",
     "recorded estimates": "{session}/estimate?iteration={{iteration}}",
@@ -123,7 +123,8 @@ def _crowds(target: Target, outcome: Outcome) -> None:
                 + ", ".join(f"{count} × {answer}" for answer, count in crowd.told.items())
                 + f"; {disturbed:.1f} iterations/s beside them; {watch.told()}"
             )
-            outcome.expect(set(crowd.told) <= {"200", "429", "given up"}, f"{name}: answered with {dict(crowd.told)}")
+            odd = set(crowd.told) - {"200", "404", "429", "given up"}
+            outcome.expect(not odd, f"{name}: answered with {dict(crowd.told)}")
             outcome.expect(
                 disturbed >= LEAST_BESIDE_CROWDS * undisturbed,
                 f"{name}: {disturbed:.1f} iterations/s beside {CROWD} of them, {undisturbed:.1f} without",

@@ -27,7 +27,7 @@ LEAST_RATE = 0.4
 MOST_KEPT = 300 * MIB
 # Calls of one client at once, a decision about so many places to look from, and the share of the rate that they have to
 # leave to a session that iterates.
-CROWD, PLACES, LEAST_BESIDE_CROWDS = 40, 100, 0.2
+CROWD, PLACES, LEAST_BESIDE_CROWDS = 40, 100, 0.1
 # {seen} is at its iteration 8, {session} iterates and is beyond {iteration}; the search has no posterior: 404.
 CROWDS = {
     "decisions": "{seen}/decision",

@@ -28,6 +28,7 @@ from pmpnbp.library.estimated import (
     joint_of,
     link_of,
 )
+from pmpnbp.readout.members import OF_POSTERIOR, OF_RUN
 from pmpnbp.readout.verdict import advice, verdict
 
 Array = NDArray[np.float64]
@@ -189,10 +190,8 @@ def _stand(joint: JointEstimate) -> str:
 
 
 def _estimate(members: Mapping[str, Any], scene: Scene | None) -> Estimate:
-    of_run = ("model", "method", "seed", "iteration", "converged", "frame_id", "stamp", "certain", "max_std", "seconds")
-    of_posterior = ("fit", "fit_reason", "explained", "effective_draws", "posterior_iteration")
-    told: dict[str, Any] = {name: members[name] for name in of_run}
-    told |= {name: members.get(name) for name in of_posterior}
+    told: dict[str, Any] = {name: members[name] for name in OF_RUN}
+    told |= {name: members.get(name) for name in OF_POSTERIOR}
     return Estimate(
         **told,
         links={name: link_of(name, entry) for name, entry in members["links"].items()},

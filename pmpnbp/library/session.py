@@ -98,7 +98,7 @@ class Session:
         self._problem, self._criteria = problem, criteria
         self._first = self._inputs = inputs
         self._changes: list[Change] = []
-        self._changed = self._closed = False
+        self._closed = False
         self._read_out: Snapshot | None = None
         self._path = None if recording is None else Path(recording)
         self._writer = None if self._path is None else RecordingWriter(self._path, inputs, problem.mrf.model)
@@ -169,6 +169,11 @@ class Session:
     def __repr__(self) -> str:
         return f"<Session of {self._problem.mrf.model.name} at {self._newest!r}>"
 
+    @property
+    def _changed(self) -> bool:
+        """Whether the next iteration is made with other settings or scans than the newest was."""
+        return any(change.after_iteration >= self._newest.number for change in self._changes)
+
     def _following(self) -> Step:
         step = self._step
         if self._changed:  # whether it is at rest is decided anew
@@ -183,7 +188,7 @@ class Session:
         if self._writer is not None:
             self._writer.write(step.report, step.state)
         self._elapsed += time.perf_counter() - began
-        self._step, self._changed = step, False
+        self._step = step
         scans = self._inputs.scans
         self._newest = Iteration(
             partial(self._snapshot, step, self._problem, self._elapsed),
@@ -205,11 +210,9 @@ class Session:
         """As long as the estimate stays at rest, its posterior does."""
         before = self._read_out
         known = before.placed.posterior if before is not None and before.problem is found.problem else None
-        if found.converged and known is not None and known.iteration <= found.iteration:
-            posterior = at_rest(found.problem, found.report, known, checkpoint)
-            found = found.told(posterior)
-        else:
-            found = found.read_out(checkpoint)
+        if known is not None and not (found.converged and known.iteration <= found.iteration):
+            known = None
+        found = found.told(at_rest(found.problem, found.report, known, checkpoint))
         posterior = found.placed.posterior
         if posterior is not None and posterior is not known and self._writer is not None and not self._closed:
             self._writer.keep(posterior)
@@ -232,7 +235,7 @@ class Session:
         problem = inputs.problem(self._problem.mrf.model if same else None)
         if self._writer is not None:
             self._writer.change(change)
-        self._problem, self._inputs, self._changes, self._changed = problem, inputs, changes, True
+        self._problem, self._inputs, self._changes = problem, inputs, changes
 
     # The page
 

@@ -9,10 +9,9 @@ import numpy as np
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.readout.estimate import Estimate, ModeEstimate
+from pmpnbp.readout.members import OF_POSTERIOR, OF_RUN
 
 SCHEMA = "pmpnbp/estimate-2"
-OF_RUN = ["model", "method", "seed", "iteration", "converged", "frame_id", "stamp", "certain", "max_std", "seconds"]
-OF_POSTERIOR = ["fit", "fit_reason", "explained", "effective_draws", "posterior_iteration"]
 
 
 def to_result(found: Estimate, truth: Mapping[str, Any] | None = None) -> dict[str, Any]:

@@ -14,7 +14,19 @@ import numpy as np
 import trimesh
 import viser
 
-from app.viewer.scene_frame import Axes, Ellipsoids, Frustum, Handle, Label, Lines, Node, Points, SceneFrame, Surface
+from app.viewer.scene_frame import (
+    Axes,
+    Copies,
+    Ellipsoids,
+    Frustum,
+    Handle,
+    Label,
+    Lines,
+    Node,
+    Points,
+    SceneFrame,
+    Surface,
+)
 from pmpnbp.geometry.poses import Array
 
 # Called with a handle's name and the pose (7,) it was dragged to; `done` at the end of the gesture.
@@ -64,7 +76,7 @@ class Drawing:
                 name, node.poses[:, 3:], node.poses[:, :3], axes_length=node.length, axes_radius=node.length / 28
             )
         given = {prop: getattr(node, member) for member, prop in _PROPERTIES[type(node)].items()}
-        if not isinstance(node, Points | Ellipsoids):
+        if not isinstance(node, Points | Ellipsoids | Copies):
             given |= {"position": node.pose[:3], "wxyz": node.pose[3:]}
         unlit: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
         if isinstance(node, Points):
@@ -79,6 +91,9 @@ class Drawing:
             return scene.add_line_segments(name, **given, thickness_units="screen")
         if isinstance(node, Ellipsoids):
             vertices, faces = _sphere()
+            return scene.add_batched_meshes_simple(name, vertices, faces, **given, **unlit, lod="off")
+        if isinstance(node, Copies):
+            vertices, faces = node.vertices, node.faces
             return scene.add_batched_meshes_simple(name, vertices, faces, **given, **unlit, lod="off")
         if isinstance(node, Label):
             return scene.add_label(name, **given, anchor="bottom-center")
@@ -111,6 +126,8 @@ def _changeable(old: Node, new: Node) -> bool:
         return old.exact == new.exact and old.shape == new.shape
     if isinstance(old, Surface) and isinstance(new, Surface):
         return old.vertices is new.vertices and old.both_sides == new.both_sides
+    if isinstance(old, Copies) and isinstance(new, Copies):
+        return old.vertices is new.vertices and len(old.centres) == len(new.centres)
     if isinstance(old, Handle) and isinstance(new, Handle):
         return old.turns == new.turns
     return True
@@ -138,6 +155,12 @@ _PROPERTIES: dict[type, dict[str, str]] = {
         "centres": "batched_positions",
         "turns": "batched_wxyzs",
         "radii": "batched_scales",
+        "colours": "batched_colors",
+        "opacities": "batched_opacities",
+    },
+    Copies: {
+        "centres": "batched_positions",
+        "turns": "batched_wxyzs",
         "colours": "batched_colors",
         "opacities": "batched_opacities",
     },

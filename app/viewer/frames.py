@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from app.viewer import scan_points
+from app.viewer.candidates import candidates
 from app.viewer.ellipsoids import ellipsoid, ellipsoids
 from app.viewer.gizmos import ACCENT, gizmos
 from app.viewer.scan_points import ScanPoints
@@ -100,6 +101,10 @@ def frame(
         nodes += _next_views(next_views, stage, state)
     if show.particles:
         nodes += _particles(snapshot.report.belief, stage, state)
+    if show.candidates:
+        painted = colours(stage, theme)
+        lines = tuple(_mixed(colour, BACKGROUND[theme], PALE_DRAW) for colour in painted)
+        nodes += candidates(snapshot.report.belief, stage, painted, lines)
     if show.axes and state.part in names:
         belief, node = snapshot.report.belief, names.index(state.part)
         heaviest = np.argsort(-belief.log_weights[node], kind="stable")[:BEST]

@@ -37,8 +37,9 @@ from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.snapshot import Snapshot
 from pmpnbp.readout.view_planning import PlannedView
 
-# Pictures a second, at most; and the same of a running session where the processor draws them, or where too many look.
-RATE, ECONOMY_RATE = 12.0, 0.5
+# Pictures a second, at most; and the same of a running session where the processor draws them, or where too many look:
+# of the newest iteration, and where somebody has one after the other shown.
+RATE, ECONOMY_RATE, ECONOMY_PLAYED_RATE = 12.0, 0.5, 2.0
 # The newest iteration of a running session stands for the newest one to all views for this share of the time from one
 # picture to the next, and for so many seconds at most: less than all of it, so that the next picture is of another one.
 SHARED, SHARED_AT_MOST = 0.84, 0.4
@@ -131,8 +132,11 @@ class Painter:
     def _rate(self) -> float:
         if self._source.idle:
             return RATE
-        spare = self._view.state.economy or self._view.slowed is not None
-        return ECONOMY_RATE if spare else min(RATE, self._view.pace)
+        if self._view.slowed is not None:
+            return ECONOMY_RATE
+        if self._view.state.economy:
+            return ECONOMY_RATE if self._view.state.iteration is None else ECONOMY_PLAYED_RATE
+        return min(RATE, self._view.pace)
 
     def _over(self) -> bool:
         return self._view.closed

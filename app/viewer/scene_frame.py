@@ -73,6 +73,20 @@ class Ellipsoids:
 
 
 @dataclass(frozen=True)
+class Copies:
+    """A mesh at several poses. vertices : (V, 3); faces : (F, 3); centres : (K, 3), turns : (K, 4), w x y z, in world;
+    colours : (K, 3); opacities : (K,), 0 to 1"""
+
+    name: str
+    vertices: Floats
+    faces: NDArray[np.uint32]
+    centres: Floats
+    turns: Floats
+    colours: Bytes
+    opacities: Floats
+
+
+@dataclass(frozen=True)
 class Axes:
     """Coordinate frames. poses : (K, 7); length : metres"""
 
@@ -115,7 +129,7 @@ class Handle:
     turns: bool
 
 
-Node = Points | Surface | Lines | Ellipsoids | Axes | Frustum | Label | Handle
+Node = Points | Surface | Lines | Ellipsoids | Copies | Axes | Frustum | Label | Handle
 
 
 @dataclass(frozen=True)

@@ -79,6 +79,12 @@ class Layers(Body):
         "cameras from where a scan is expected to tell most of what is not certain, numbered, best first",
     )
     particles: bool = _layer(True, "Algorithm", "particles", "every part's particles, where the part's frame is")
+    candidates: bool = _layer(
+        True,
+        "Algorithm",
+        "candidates of the search",
+        "the objects that the search weighs most, the fainter the lighter",
+    )
     particle_ellipsoids: bool = _layer(
         False, "Algorithm", "ellipsoids of the particles", "the covariance of each part's particles, at `confidence`"
     )

@@ -3,8 +3,8 @@
 import { call, Problem, sessionPath } from "./api.js";
 import { byId, setText } from "./dom.js";
 import { stateWord } from "./format.js";
-import { isLive, isRecording, newestIteration, state, subscribe, update } from "./state.js";
-import { goToIteration } from "./view.js";
+import { isRecording, iterates, newestIteration, state, subscribe, update } from "./state.js";
+import * as timeline from "./timeline.js";
 
 export function install() {
   byId("play").addEventListener("click", playOrPause);
@@ -28,8 +28,6 @@ export function install() {
   subscribe(["session", "rows", "lost", "trouble", "view"], show);
 }
 
-const iterates = () => ["running", "waiting"].includes(state.session?.state);
-
 export function playOrPause() {
   if (isRecording()) return;
   if (iterates()) order("pause", {});
@@ -38,17 +36,14 @@ export function playOrPause() {
 
 export function step() {
   if (isRecording() || iterates()) return;
-  live();
+  timeline.live();
   order("step", { iterations: 1 });
 }
 
-function run(body) {
-  live();
+// What is shown follows from where it stands, at the timeline's speed.
+export function run(body) {
+  timeline.follow(newestIteration());
   order("run", body);
-}
-
-function live() {
-  if (!isLive()) goToIteration(null);
 }
 
 async function order(verb, body) {

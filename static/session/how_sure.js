@@ -3,8 +3,8 @@
 
 import { byId, setText } from "./dom.js";
 import { readOutPosterior } from "./history.js";
-import { askedFor, hasPosterior, isLive, rowAt, searches, shownIteration, state, subscribe, update } from "./state.js";
-import { goToIteration } from "./view.js";
+import { askedFor, goesOn, hasPosterior, rowAt, searches, shownIteration, state, subscribe, update } from "./state.js";
+import { hold } from "./timeline.js";
 
 let underway = false;
 
@@ -15,7 +15,7 @@ export function install() {
 
 async function ask() {
   const iteration = state.estimate.iteration;
-  if (isLive() && state.session.state === "running") goToIteration(iteration); // else it would be gone with the next one
+  if (goesOn()) hold(iteration); // else it would be gone with the next one
   underway = true;
   show();
   try {

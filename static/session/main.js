@@ -8,6 +8,7 @@ import { byId } from "./dom.js";
 import * as economy from "./economy.js";
 import * as edge from "./edge.js";
 import * as estimate from "./estimate.js";
+import * as fromStart from "./from_start.js";
 import * as graph from "./graph.js";
 import { follow, refreshEstimate } from "./history.js";
 import * as howSure from "./how_sure.js";
@@ -19,9 +20,21 @@ import * as pairPlot from "./pair_plot.js";
 import * as part from "./part.js";
 import * as particle from "./particle.js";
 import * as plots from "./plots.js";
+import { see } from "./seen.js";
 import * as settings from "./settings.js";
 import * as share from "./share.js";
-import { isLive, isRecording, newestIteration, onTheme, state, subscribe, theme, update } from "./state.js";
+import {
+  goesOn,
+  isLive,
+  isRecording,
+  newestIteration,
+  oldestIteration,
+  onTheme,
+  state,
+  subscribe,
+  theme,
+  update,
+} from "./state.js";
 import * as tabs from "./tabs.js";
 import * as timeline from "./timeline.js";
 import * as verdict from "./verdict.js";
@@ -46,7 +59,9 @@ async function begin() {
   const asked = new URLSearchParams(location.search).get("economy");
   const sparing = asked === null ? economy.withoutGraphicsCard() : asked !== "0";
   if (!(await loadSession(sparing))) return;
-  await openView({ ...first, economy: sparing });
+  const { search } = location; // it is another once the page keeps it
+  const watched = fromStart.asked(search);
+  await openView({ ...(watched ? { iteration: oldestIteration() } : {}), ...first, economy: sparing });
   frame.src = `/sessions/${encodeURIComponent(state.id)}/view/${state.viewId}/${sparing ? "?economy" : ""}`;
   subscribe(["rows", "view", "lost"], refreshEstimate);
   subscribe(["view", "tab"], keepAddress);
@@ -62,12 +77,14 @@ async function begin() {
     const particle = state.view.particle;
     if (particle !== null && particle !== before) {
       if (before === null) tabs.open("why");
-      if (isLive() && state.session.state === "running") changeView({ iteration: seen }); // it would be gone in a moment
+      if (goesOn()) timeline.hold(isLive() ? seen : state.view.iteration); // it would be gone in a moment
     } else if (particle !== null && isLive() && newestIteration() !== seen) changeView({ particle: null });
     before = state.view.particle;
     seen = newestIteration();
   });
   document.body.dataset.ready = "true";
+  see(state.id);
+  if (watched) fromStart.watch(search);
   if (isRecording()) reportDamage();
 }
 

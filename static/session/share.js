@@ -15,7 +15,7 @@ export function install() {
 export function linkParameters() {
   const view = state.view;
   const parameters = new URLSearchParams();
-  if (!isLive()) parameters.set("iteration", view.iteration);
+  if (!isLive() && !state.playback) parameters.set("iteration", view.iteration);
   if (view.part) parameters.set("part", view.part);
   if (view.particle !== null) parameters.set("particle", view.particle);
   if (view.edge) parameters.set("edge", view.edge.join(","));

@@ -14,7 +14,7 @@ export const state = {
   tab: "belief",
   lost: false, // whether the server was heard last time
   trouble: "", // a sentence about what did not work
-  playback: false,
+  playback: false, // whether what is shown goes on by itself
 };
 
 const listeners = [];
@@ -59,10 +59,13 @@ function notifyListeners() {
 
 // What follows from it
 
+export const iterates = () => ["running", "waiting"].includes(state.session?.state);
 export const isRecording = () => state.session?.kind === "recording";
 export const newestIteration = () => state.rows.at(-1)?.iteration ?? state.session?.iteration ?? 0;
 export const oldestIteration = () => state.rows[0]?.iteration ?? 0;
 export const isLive = () => state.view.iteration === null;
+// Whether another iteration comes to be looked at by itself.
+export const goesOn = () => state.playback || (isLive() && state.session?.state === "running");
 export const shownIteration = () => (isLive() ? newestIteration() : Math.min(state.view.iteration, newestIteration()));
 export const maxStd = () => state.session?.max_std ?? null;
 

@@ -1,10 +1,10 @@
 // When is something asked for? Again where what it depends on has changed, one call at a time, not in a hurry,
 // and only while somebody looks; what goes wrong stands as a calm sentence where the answer would.
 
-import { isLive, state, update } from "./state.js";
+import { goesOn, update } from "./state.js";
 
 const PACE = 150; // milliseconds between two calls
-const UNDERWAY = 600; // the same while the session iterates: each answer takes time from the inference
+const UNDERWAY = 600; // the same while iterations come by themselves: each answer takes time from the inference
 
 // `work` is asked for when `key()` is another than at the last call; `onError` takes the sentence of what went wrong.
 export function throttled(work, key, onError = () => {}) {
@@ -30,7 +30,7 @@ export function throttled(work, key, onError = () => {}) {
           timer = null;
           ask();
         },
-        isLive() && state.session?.state === "running" ? UNDERWAY : PACE,
+        goesOn() ? UNDERWAY : PACE,
       );
     }
   };

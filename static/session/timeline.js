@@ -1,10 +1,12 @@
-// Which iteration is looked at? A slider over all that are recorded, with marks where something happened.
+// Which iteration is looked at? A slider over all that are recorded, with marks where something happened. The inference
+// is faster than an eye: what is shown follows it at a pace that can be watched, and is live once it has caught up.
 
 import { byId, reconcile, setText } from "./dom.js";
 import {
   colour,
   isLive,
   isRecording,
+  iterates,
   newestIteration,
   oldestIteration,
   shownIteration,
@@ -12,7 +14,9 @@ import {
   subscribe,
   update,
 } from "./state.js";
-import { goToIteration } from "./view.js";
+import { changeView, goToIteration } from "./view.js";
+
+const PATIENCE = 1000; // milliseconds for which nothing more comes before it is live
 
 let timer = null;
 
@@ -33,6 +37,12 @@ export function live() {
   goToIteration(null);
 }
 
+// Stay at an iteration: somebody looks at something of it, which would be gone with the next one.
+export function hold(iteration) {
+  stop();
+  changeView({ iteration });
+}
+
 // Look so many iterations further, or back; beyond the newest it is live.
 export function move(by) {
   stop();
@@ -43,19 +53,25 @@ export function move(by) {
 
 export function playback() {
   if (state.playback) stop();
-  else {
-    if (isLive() || shownIteration() >= newestIteration()) goToIteration(oldestIteration());
-    start();
-  }
+  else follow(isLive() || shownIteration() >= newestIteration() ? oldestIteration() : shownIteration());
+}
+
+// Look at `iteration`, then at one after the other, at the chosen speed; live after the last, once no more are made.
+export function follow(iteration) {
+  goToIteration(iteration);
+  start();
 }
 
 function start() {
   clearInterval(timer);
   update({ playback: true });
+  let came = performance.now();
   timer = setInterval(
     () => {
-      if (shownIteration() >= newestIteration()) stop();
-      else goToIteration(shownIteration() + 1);
+      const more = shownIteration() < newestIteration();
+      if (more || iterates()) came = performance.now();
+      if (more) goToIteration(shownIteration() + 1);
+      else if (performance.now() > came + PATIENCE) live();
     },
     1000 / Number(byId("speed").value),
   );

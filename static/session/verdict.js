@@ -1,10 +1,22 @@
 // Was the object found, and is that enough to act on? A line under the bar, about the session's newest iteration whatever
-// is looked at: its names of links, and how much is explained, are in that iteration's estimate.
+// is looked at: its names of links, and how much is explained, are in that iteration's estimate. While the page plays it
+// keeps to what is shown, so that nobody hears the end before it.
 
 import { call, sessionPath } from "./api.js";
 import { byId, setText } from "./dom.js";
 import { jointEnds, named, percent } from "./format.js";
-import { isLive, isRecording, newestIteration, partNamed, partOfLink, searches, state, subscribe } from "./state.js";
+import {
+  isLive,
+  isRecording,
+  newestIteration,
+  partNamed,
+  partOfLink,
+  rowAt,
+  searches,
+  shownIteration,
+  state,
+  subscribe,
+} from "./state.js";
 import * as tabs from "./tabs.js";
 import { throttled } from "./throttle.js";
 import { changeView } from "./view.js";
@@ -21,7 +33,7 @@ export function install() {
   byId("draw-box").addEventListener("click", drawBox);
   const ask = throttled(fetchNewest, newestIteration);
   subscribe(["session", "rows", "view", "estimate", "graph"], () => {
-    if (state.session?.fit === "good" && !isLive() && !newest()) ask();
+    if (state.session?.fit === "good" && !isLive() && !state.playback && !newest()) ask();
     show();
   });
 }
@@ -37,13 +49,14 @@ async function fetchNewest() {
 function show() {
   const session = state.session;
   if (!session) return;
-  const [word, rest] = sentence(session);
+  const behind = state.playback && shownIteration() < newestIteration();
+  const [word, rest] = behind ? ["", searches(rowAt(shownIteration())) ? "Searching" : "Settling"] : sentence(session);
   const place = byId("certain");
-  place.dataset.certain = String(Boolean(session.certain));
-  place.dataset.fit = session.fit ?? "";
+  place.dataset.certain = String(Boolean(session.certain) && !behind);
+  place.dataset.fit = behind ? "" : (session.fit ?? "");
   setText(byId("verdict-word"), word);
   setText(byId("verdict-rest"), rest);
-  byId("draw-box").hidden = session.fit !== "none" || isRecording();
+  byId("draw-box").hidden = session.fit !== "none" || behind || isRecording();
 }
 
 // What it comes to in a word, and why.

@@ -33,7 +33,7 @@ export async function openNew(path, members, button, place) {
   button.disabled = true;
   try {
     const session = await call(`/api/v1/${path}`, { method: "POST", body: members() });
-    location.assign(session.view_url);
+    location.assign(`${session.view_url}?play=run`);
   } catch (problem) {
     trouble(place, problem.message);
   }

@@ -52,6 +52,20 @@ def test_what_is_in_the_frame_is_in_viser(server: Any) -> None:
     assert not left & wanted
 
 
+def test_candidates_are_changed_in_place_while_there_are_as_many(server: Any) -> None:
+    drawing = Drawing(server, nothing)
+    searched = next(n for n, made in enumerate(scene().snapshots) if made.report.stage == "search")
+    draw(drawing, only("candidates"), searched)
+    before = set(kept(server))
+    draw(drawing, only("candidates", theme="dark"), searched)
+    sent = [message for number, message in kept(server).items() if number not in before]
+    assert sent
+    assert not [message for message in sent if "Mesh" in type(message).__name__]
+    draw(drawing, only("candidates"))
+    server._run_garbage_collector(force=True)
+    assert not [message for message in kept(server).values() if getattr(message, "name", "").startswith("/candidates/")]
+
+
 def test_another_iteration_sends_no_mesh_again(server: Any) -> None:
     drawing = Drawing(server, nothing)
     # the last one alone has a posterior, of which these two layers tell

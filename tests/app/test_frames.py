@@ -40,6 +40,7 @@ def test_each_layer_draws_its_own() -> None:
         "estimate": {"estimate"},
         "ellipsoids": {"ellipsoids"},
         "draws": {"draws"},
+        "candidates": set(),  # none after the search
         "next_views": set(),  # it is told which ones
         "particle_ellipsoids": {"particle_ellipsoids"},
         "truth": {"truth"},

@@ -46,7 +46,7 @@ def change(**members: Any) -> ViewState:
     return ViewState.model_validate(members)
 
 
-def test_a_new_view_shows_the_newest_with_seven_layers() -> None:
+def test_a_new_view_shows_the_newest_with_eight_layers() -> None:
     state = ViewState()
     assert {layer for layer in LAYERS if getattr(state.show, layer)} == {
         "scan",
@@ -55,6 +55,7 @@ def test_a_new_view_shows_the_newest_with_seven_layers() -> None:
         "estimate",
         "ellipsoids",
         "draws",
+        "candidates",
         "next_views",
     }
     assert state.iteration is None and state.confidence == 0.75 and state.theme == "light"

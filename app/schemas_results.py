@@ -239,7 +239,14 @@ class TraceRow(BaseModel):
     elapsed: float = Field(description="wall time of all so far, with reading them out, seconds")
     tolerance: float = Field(description="distance at which a pixel stops to be explained, metres")
     effective_sample_size: dict[str, float | None] = Field(description="by part, particles")
-    log_likelihood: float | None = Field(description="log score of the object as a whole; null where there is none")
+    log_likelihood: float | None = Field(
+        description="log score of the object as a whole, at the iteration's own tolerance; null where there is none"
+    )
+    final_log_likelihood: float | None = Field(
+        None,
+        description="sum of the parts' log likelihoods at the estimate, at the final tolerance in every iteration, so "
+        "that iterations can be compared; null in older recordings",
+    )
     std_xyz: dict[str, list[float]] | None = Field(
         description="by link, the posterior's standard deviations along world's axes, metres; null where there is none"
     )

@@ -1,7 +1,8 @@
-"""The pages and their files: plain HTML, CSS and scripts, as they lie in `static/`."""
+"""The pages and their files: plain HTML, CSS and scripts, as they lie in `static/`, and the letters they are set in."""
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 
 from fastapi import APIRouter, Request, Response
@@ -21,7 +22,12 @@ MEDIA_TYPES = {
     ".css": "text/css; charset=utf-8",
     ".js": "text/javascript; charset=utf-8",
     ".svg": "image/svg+xml",
+    ".ttf": "font/ttf",
 }
+# Open Sans (Apache License 2.0) comes with a package that is needed anyway: the same letters on every system, of which
+# none has to be kept here.
+FONTS = Path(str(find_spec("pyrender").origin)).parent / "fonts"  # type: ignore[union-attr] # it is a dependency
+FACES = ("OpenSans-Regular.ttf", "OpenSans-Semibold.ttf")
 
 
 @router.get("/")
@@ -52,6 +58,7 @@ def static_file(name: str, request: Request) -> Response:
 def _file(name: str, request: Request) -> Response:
     """The file, or 304 where the browser has it as it is."""
     files = {path.relative_to(STATIC).as_posix(): path for path in STATIC.rglob("*") if path.suffix in MEDIA_TYPES}
+    files |= {f"fonts/{face}": FONTS / face for face in FACES}
     if name not in files:
         raise HttpProblem(404, f"page file '{name}' is not here; there are {', '.join(sorted(files)) or 'none'}")
     path = files[name]

@@ -150,6 +150,7 @@ def snapshot(
         "tolerance": report.tolerance,
         "effective_sample_size": dict(zip(names, report.effective_sample_size.tolist(), strict=True)),
         "log_likelihood": report.map_score,
+        "final_log_likelihood": float(placed.standing.log_likelihoods.sum()),
         "std_xyz": None if std_xyz is None else dict(zip(model.links, std_xyz.tolist(), strict=True)),
         "particle_std_xyz": dict(zip(model.links, placed.particle_std_xyz.tolist(), strict=True)),
         "add": None if truth is None else part_adds(model, placed.part_poses, truth["links"]),

@@ -16,15 +16,15 @@ from pmpnbp.readout.snapshot import Row
 from pmpnbp.recording.reader import Recording
 
 # A member that rows have since they tell of posteriors, and the one that came last.
-_SINCE_POSTERIORS, _NEWEST = "particle_std_xyz", "certain_by_link"
+_SINCE_POSTERIORS, _NEWEST = "particle_std_xyz", "final_log_likelihood"
 
 
 def current(row: Row) -> Row:
     """A row as it is written now. Before there were posteriors `std_xyz` was the particles'; which links were certain
-    was not told at first."""
+    was not told at first, nor a log likelihood that can be compared."""
     if _NEWEST in row:
         return row
-    row = {**row, _NEWEST: None}
+    row = {"certain_by_link": None, **row, _NEWEST: None}
     if _SINCE_POSTERIORS in row:
         return row
     nothing = {"std_xyz": None, "certain": False, "fit": None, "fit_reason": None, "posterior_iteration": None}

@@ -4,7 +4,7 @@
 import { call } from "./api.js";
 import { histogram } from "./charts.js";
 import { byId, insteadOf, reconcile, setName, setText } from "./dom.js";
-import { largest, measured, millimetres, number, plural } from "./format.js";
+import { fineCentimetres, largest, measured, number, plural } from "./format.js";
 import { showModes } from "./part.js";
 import { beliefs } from "./particle.js";
 import { colour, onTheme, partNamed, rowAt, shownIteration, state, subscribe } from "./state.js";
@@ -36,7 +36,7 @@ export function install() {
 
 const name = (part) => part.name;
 const linkOf = (part) => state.estimate?.links[part.links[0]] ?? null;
-const spread = (part) => millimetres(largest(linkOf(part)?.particle_std_xyz));
+const spread = (part) => fineCentimetres(largest(linkOf(part)?.particle_std_xyz));
 const effective = (part) => rowAt(shownIteration())?.effective[state.graph.parts.indexOf(part)] ?? null;
 
 function showRow(row, part) {

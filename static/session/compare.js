@@ -3,9 +3,9 @@
 
 import { call, iterationQuery, sessionPath } from "./api.js";
 import { button, byId, h, reconcile, sentence, setName, setText } from "./dom.js";
-import { degrees, inMillimetres, joint, largest, millimetres } from "./format.js";
+import { degrees, fineCentimetres, inFineCentimetres, joint, largest } from "./format.js";
 import { angle, distance } from "./pose.js";
-import { colour, isLive, partOfLink, shownIteration, state, subscribe, update } from "./state.js";
+import { colour, isLive, shownIteration, state, subscribe, update } from "./state.js";
 import { throttled } from "./throttle.js";
 import { changeView } from "./view.js";
 
@@ -92,17 +92,25 @@ function show() {
   setText(byId("compare-what"), `Iteration ${here.iteration} here, iteration ${other.iteration} there`);
   setText(byId("compare-fit"), `Fit: ${fit(here)} here, ${fit(other)} there`);
   byId("compare-fit").title = [here.fit_reason, other.fit_reason].map((reason) => reason ?? "–").join("; there ");
-  const links = Object.keys(here.links).filter((name) => other.links[name]);
-  reconcile(byId("compare-links"), "compare-link-row", links, String, (row, name) => {
-    row.querySelector(".swatch").style.backgroundColor = colour(partOfLink(name));
-    const [a, b] = [here.links[name], other.links[name]];
-    const [heading, apart, turned, stdHere, stdThere] = row.children;
-    setName(heading.lastChild, name);
-    setText(apart, millimetres(distance(a.pose.position, b.pose.position)));
-    setText(turned, degrees(angle(a.pose.orientation, b.pose.orientation)));
-    setText(stdHere, inMillimetres(largest(a.std_xyz)));
-    setText(stdThere, inMillimetres(largest(b.std_xyz)));
-  });
+  // links that are fixed to each other are one part: the first of them tells of all
+  const parts = state.graph.parts.filter(({ links: [link] }) => here.links[link] && other.links[link]);
+  reconcile(
+    byId("compare-links"),
+    "compare-link-row",
+    parts,
+    ({ name }) => name,
+    (row, part) => {
+      row.querySelector(".swatch").style.backgroundColor = colour(part);
+      const [name] = part.links;
+      const [a, b] = [here.links[name], other.links[name]];
+      const [heading, apart, turned, stdHere, stdThere] = row.children;
+      setName(heading.lastChild, part.name);
+      setText(apart, fineCentimetres(distance(a.pose.position, b.pose.position)));
+      setText(turned, degrees(angle(a.pose.orientation, b.pose.orientation)));
+      setText(stdHere, inFineCentimetres(largest(a.std_xyz)));
+      setText(stdThere, inFineCentimetres(largest(b.std_xyz)));
+    },
+  );
   const joints = Object.keys(here.joints).filter((name) => other.joints[name]);
   reconcile(byId("compare-joints"), "compare-joint-row", joints, String, (row, name) => {
     const [a, b] = [here.joints[name], other.joints[name]];

@@ -1,14 +1,14 @@
-// Where is every link, and how sure is that, given the scan? Tables of links, joints and what sensor and model have
-// wrong, or the part or edge that was chosen.
+// Where is every part, and how sure is that, given the scan? Tables of parts, joints and what sensor and model have
+// wrong, or the part or edge that was chosen. Links that are fixed to each other are one part, and one row.
 
 import { showAlternatives } from "./alternatives.js";
 import { byId, reconcile, sentence, setContent, setName, setText } from "./dom.js";
 import { doubts } from "./doubts.js";
-import { joint, millimetres, percent, plural } from "./format.js";
+import { fineCentimetres, joint, largest, percent, plural } from "./format.js";
 import { intervalGauge, stdGauge } from "./gauges.js";
 import { choosePart } from "./graph.js";
 import { sensorAndModel } from "./sensor_and_model.js";
-import { colour, hasPosterior, onTheme, partOfLink, state, subscribe } from "./state.js";
+import { colour, hasPosterior, onTheme, state, subscribe } from "./state.js";
 
 const tellUnknown = sentence("unknown");
 
@@ -21,7 +21,7 @@ function show() {
   const { part, edge } = state.view;
   byId("belief").hidden = Boolean(edge) && !part;
   byId("edge").hidden = !edge || Boolean(part);
-  for (const id of ["all-links", "choose-calm"]) byId(id).hidden = Boolean(part);
+  for (const id of ["all-parts", "choose-calm"]) byId(id).hidden = Boolean(part);
   for (const id of ["part-heading", "part"]) byId(id).hidden = !part;
   if (!state.estimate) return;
   setText(byId("given-facts"), given(state.estimate));
@@ -29,9 +29,9 @@ function show() {
   byId("sensor-title").hidden = !facts.length;
   reconcile(byId("sensor"), "sensor-row", facts, ([name]) => name, showFact);
   if (part || edge) return;
-  reconcile(byId("links"), "link-row", Object.entries(state.estimate.links), ([name]) => name, showLink);
+  reconcile(byId("part-rows"), "link-row", state.graph.parts, (one) => one.name, showPart);
   tellUnknown(state.estimate.unknown.map((what) => `Not told by the scan: ${what}.`).join(" "));
-  setText(byId("std-limit"), `of ${millimetres(state.estimate.max_std)}`);
+  setText(byId("std-limit"), `of ${fineCentimetres(state.estimate.max_std)}`);
   const joints = Object.entries(state.estimate.joints);
   byId("joints-title").hidden = !joints.length;
   reconcile(byId("joints"), "joint-row", joints, ([name]) => name, showJoint);
@@ -43,19 +43,28 @@ function given({ posterior_iteration: iteration, effective_draws: draws }) {
   return iteration === null ? "" : `${plural(Math.round(draws), "effective draw")}, iteration ${iteration}`;
 }
 
-function showLink(row, [name, link]) {
-  const part = partOfLink(name);
-  row.querySelector("button").onclick = () => choosePart(part?.name ?? name);
+function showPart(row, part) {
+  const estimate = state.estimate;
+  const links = part.links.map((name) => estimate.links[name]).filter(Boolean);
+  if (!links.length) return; // of a model that was another before the session began again
+  const widest = links.reduce((most, link) => (largest(link.std_xyz) > largest(most.std_xyz) ? link : most));
+  const off = largest(links.map((link) => link.expected_add).filter((add) => add !== null));
+  const doubted = links.find((link) => !link.certain);
+  row.querySelector("button").onclick = () => choosePart(part.name);
   row.querySelector(".swatch").style.backgroundColor = colour(part);
-  setName(row.querySelector(".long"), name);
+  setName(row.querySelector(".long"), part.name);
+  const others = part.links.filter((name) => name !== part.name);
+  const more = row.querySelector(".more");
+  setText(more, others.length ? `+${others.length}` : "");
+  more.title = others.length ? `moves with ${others.join(", ")}` : "";
   const [, std, visible, sure] = row.children;
-  setContent(std, stdGauge(link.std_xyz, state.estimate.max_std));
-  // what the standard deviation does not tell: how far off the whole link is expected to be
-  std.title = link.expected_add === null ? "" : `expected to be off by ${millimetres(link.expected_add)} (ADD)`;
-  setText(visible, percent(link.visible_fraction));
-  setText(sure, link.certain ? "certain" : hasPosterior(state.estimate) ? "not certain" : "not yet");
-  sure.dataset.certain = String(link.certain);
-  sure.title = doubts(link, state.estimate);
+  setContent(std, stdGauge(widest.std_xyz, estimate.max_std));
+  // what the standard deviation does not tell: how far off the whole part is expected to be
+  std.title = off === null ? "" : `expected to be off by ${fineCentimetres(off)} (ADD)`;
+  setText(visible, percent(links[0].visible_fraction));
+  setText(sure, !doubted ? "certain" : hasPosterior(estimate) ? "not certain" : "not yet");
+  sure.dataset.certain = String(!doubted);
+  sure.title = doubted ? doubts(doubted, estimate) : "";
 }
 
 function showJoint(row, [name, value]) {

@@ -1,5 +1,5 @@
-// How are numbers written? Lengths in millimetres or centimetres, angles in degrees, always with the unit and with as
-// many places as stay the same from iteration to iteration.
+// How are numbers written? Lengths in centimetres, angles in degrees, always with the unit and with as many places as
+// stay the same from iteration to iteration.
 
 const MINUS = "\u2212";
 const NARROW = "\u202f";
@@ -16,9 +16,9 @@ export function number(value, places = 1) {
 const scaled = (value, factor) => (value === null || value === undefined ? null : value * factor);
 const withUnit = (text, unit, space = NARROW) => (text === "–" ? text : text + space + unit);
 
-// Without the unit, for where that stands elsewhere.
-export const inMillimetres = (metres, places = 1) => number(scaled(metres, 1000), Math.abs(metres) >= 0.1 ? 0 : places);
-export const millimetres = (metres, places = 1) => withUnit(inMillimetres(metres, places), "mm");
+// How sure, or how far off: to a tenth of a millimetre. Without the unit, for where that stands elsewhere; and with it.
+export const inFineCentimetres = (metres) => number(scaled(metres, 100), Math.abs(metres) >= 0.1 ? 1 : 2);
+export const fineCentimetres = (metres) => withUnit(inFineCentimetres(metres), "cm");
 export const centimetres = (metres, places = 1) => withUnit(number(scaled(metres, 100), places), "cm");
 export const degrees = (radians, places = 1) => withUnit(number(scaled(radians, DEGREES), places), "°", "");
 export const percent = (share, places = 0) => withUnit(number(scaled(share, 100), places), "%");
@@ -70,16 +70,12 @@ export function plural(count, one, many = `${one}s`) {
   return `${count} ${count === 1 ? one : many}`;
 }
 
-const STATES = {
-  running: "iterating",
-  waiting: "waiting for a free place",
-  failed: "stopped by an error",
-  recorded: "recording",
-};
+const STATES = { waiting: "waiting for a free place", failed: "stopped by an error", recorded: "recording" };
 
-// What a session does; `atRest` says that it has converged.
-export function stateWord({ state, position, converged, reading_out: readingOut }, atRest) {
+// What a session does; `phase` is its newest iteration's: searching, settling, or at rest.
+export function stateWord({ state, position, converged, reading_out: readingOut }, phase) {
   if (state === "waiting" && position) return `waiting, number ${position} in line`;
   if (readingOut) return "reading out the posterior…";
-  return state === "paused" && converged ? atRest : (STATES[state] ?? state);
+  if (state === "running") return phase === "at rest" ? "at rest, going on" : phase;
+  return state === "paused" && converged ? "at rest" : (STATES[state] ?? state);
 }

@@ -1,7 +1,7 @@
 // How do a standard deviation and a joint's interval look in a cell of a table? A text, and a thin bar under it.
 
 import { h } from "./dom.js";
-import { jointEnds, largest, millimetres } from "./format.js";
+import { fineCentimetres, jointEnds, largest } from "./format.js";
 
 // Of a standard deviation's bar, the share that is up to the limit; the rest is for what is over it.
 const TO_LIMIT = 0.75;
@@ -13,7 +13,7 @@ export function stdGauge(stds, limit) {
   const share = limit > 0 ? std / limit : Infinity;
   const bar = { "--share": Math.min(1, share * TO_LIMIT), "--limit": TO_LIMIT };
   return [
-    `±${millimetres(std)}`,
+    `±${fineCentimetres(std)}`,
     h("span", { class: "gauge", "data-over": String(share > 1), css: bar, "aria-hidden": "true" }),
   ];
 }

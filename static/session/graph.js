@@ -2,7 +2,7 @@
 // certain, an edge per pair of parts that joints connect.
 
 import { byId, s, setAttributes, setText } from "./dom.js";
-import { largest, millimetres } from "./format.js";
+import { fineCentimetres, largest } from "./format.js";
 import { colour, maxStd, onTheme, rowAt, shownIteration, state, subscribe } from "./state.js";
 import { changeView } from "./view.js";
 
@@ -133,7 +133,7 @@ function show() {
     const [std, certain] = belief(row, part, at);
     // full where certain; on the way there by the logarithm, from a tenth at 100 times the limit
     const share = std === null ? 0 : Math.min(1, Math.max(0.06, 1 - Math.log10(std / maxStd()) / 2));
-    const label = `${name}, ${certain ? "certain" : "not certain"}, standard deviation ${std === null ? "unknown" : millimetres(std)}`;
+    const label = `${name}, ${certain ? "certain" : "not certain"}, standard deviation ${std === null ? "unknown" : fineCentimetres(std)}`;
     setAttributes(place, {
       "aria-pressed": String(state.view.part === name),
       "aria-label": label,

@@ -101,7 +101,7 @@ function compact(row) {
     stage: row.stage,
     seconds: row.seconds,
     elapsed: row.elapsed,
-    likelihood: row.log_likelihood,
+    finalLikelihood: row.final_log_likelihood, // of all iterations at one tolerance
     std: ofParts(row.std_xyz), // the posterior's: null where there is none
     particleStd: ofParts(row.particle_std_xyz),
     effective: parts.map((part) => row.effective_sample_size?.[part.name] ?? null),

@@ -23,6 +23,7 @@ import * as plots from "./plots.js";
 import { see } from "./seen.js";
 import * as settings from "./settings.js";
 import * as share from "./share.js";
+import * as splitters from "./splitters.js";
 import {
   goesOn,
   isLive,
@@ -39,6 +40,7 @@ import * as tabs from "./tabs.js";
 import * as timeline from "./timeline.js";
 import * as verdict from "./verdict.js";
 import { changeView, declareView, openView } from "./view.js";
+import * as words from "./words.js";
 
 const AGAIN = 2000; // milliseconds to the next try where the server does not answer
 
@@ -55,6 +57,8 @@ async function begin() {
   const about = [verdict, timeline, plots, graph, estimate, howSure, part, nextViews, pairPlot, algorithm, edge];
   for (const piece of [...about, particle, newScan, layers, economy, compare, share]) piece.install();
   keyboard.install(frame);
+  splitters.install();
+  words.install();
   settings.install().catch((error) => update({ trouble: error.message }));
   const asked = new URLSearchParams(location.search).get("economy");
   const sparing = asked === null ? economy.withoutGraphicsCard() : asked !== "0";

@@ -4,7 +4,7 @@
 
 import { call, iterationQuery, sessionPath } from "./api.js";
 import { byId, h, reconcile, sentence, setText } from "./dom.js";
-import { largest, millimetres, nats, percent, plural } from "./format.js";
+import { fineCentimetres, largest, nats, percent, plural } from "./format.js";
 import { colour, hasPosterior, onTheme, partNamed, partOfLink, state, subscribe } from "./state.js";
 import { throttled } from "./throttle.js";
 import { cross, dot, listed, mean, minus, plus, turned, unit } from "./vectors.js";
@@ -78,7 +78,7 @@ function hidden({ blocking, sight }) {
     .map(([part, link]) =>
       h("li", {}, [
         h("span", { class: "swatch", css: { "background-color": colour(part) }, "aria-hidden": "true" }),
-        h("span", {}, `${part.name} ±${millimetres(std(link))}: ${blocked(sight[link])}`),
+        h("span", {}, `${part.name} ±${fineCentimetres(std(link))}: ${blocked(sight[link])}`),
       ]),
     );
   if (all.length > LISTED)
@@ -109,7 +109,7 @@ function showView(row, view, at) {
   bar.style.setProperty("--share", view.expected_gain_nats / best);
   setText(gain, nats(view.expected_gain_nats));
   const [link, std] = worst(view);
-  setText(after, `then ${link} ±${millimetres(std)}`);
+  setText(after, `then ${link} ±${fineCentimetres(std)}`);
   press.setAttribute("aria-label", `look from place ${at + 1}: gain ${gain.textContent} nats, ${after.textContent}`);
   press.setAttribute("aria-pressed", String((state.view.next_view ?? 0) === at));
   const emphasise = () => state.view.next_view !== at && changeView({ next_view: at });

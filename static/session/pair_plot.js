@@ -9,8 +9,6 @@ import { hasPosterior, onTheme, state, subscribe } from "./state.js";
 import { throttled } from "./throttle.js";
 
 const POSE = ["x", "y", "z", "roll", "pitch", "yaw"];
-// Metres that are rather told in millimetres.
-const SHORT = 0.02;
 // Of the draws' weight so much may lie beyond either end.
 const BEYOND = 0.002;
 
@@ -117,8 +115,7 @@ function options(list, value) {
 function axisOf(coordinate) {
   const { values, estimate, unit } = coordinate;
   const [low, high] = ends(values, estimate);
-  const short = high - low < SHORT;
-  const [factor, word] = unit === "rad" ? [DEGREES, "°"] : short ? [1000, "mm"] : [100, "cm"];
+  const [factor, word] = unit === "rad" ? [DEGREES, "°"] : [100, "cm"];
   const room = Math.max((high - low) * 0.06, 1e-5);
   return {
     title: `${label(coordinate)}, ${word}`,

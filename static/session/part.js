@@ -3,7 +3,7 @@
 
 import { byId, h, setText } from "./dom.js";
 import { doubts } from "./doubts.js";
-import { degrees, largest, millimetres, percent, plural } from "./format.js";
+import { degrees, fineCentimetres, largest, percent, plural } from "./format.js";
 import { colour, hasPosterior, onTheme, partNamed, state, subscribe } from "./state.js";
 import { changeView } from "./view.js";
 
@@ -35,8 +35,8 @@ function show(part) {
 }
 
 function facts({ std_xyz: std, expected_add: add, visible_fraction: visible }) {
-  const known = [std ? `±\u202f${millimetres(largest(std))}` : null, `${percent(visible)} visible`];
-  if (add !== null) known.push(`expected to be off by ${millimetres(add)} (ADD)`);
+  const known = [std ? `±\u202f${fineCentimetres(largest(std))}` : null, `${percent(visible)} visible`];
+  if (add !== null) known.push(`expected to be off by ${fineCentimetres(add)} (ADD)`);
   return known.filter(Boolean).join(" · ");
 }
 

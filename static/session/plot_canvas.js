@@ -1,10 +1,12 @@
 // How is one plot drawn on its canvas? The frame says where iterations and values are; each function below draws one
 // kind of thing into it. Pen, ticks, lines and dots are those of pair_canvas.js, too.
 
-import { colour, rowAt, shownIteration, state } from "./state.js";
+import { colour, phaseOf, rowAt, shownIteration, state } from "./state.js";
 
 export const MARGIN = { top: 6, bottom: 15, left: 34, right: 8 };
 
+// How strong a phase's shade is.
+const SHADE = 0.1;
 // Radius of a value between two gaps, pixels.
 const LONE = 1.8;
 
@@ -19,6 +21,7 @@ export function paint(plot, canvas, [first, last]) {
   const frame = frameOf(plot, rows, [first, last], width, height);
   const colours = coloursOf(canvas);
   pen.font = `10px ${getComputedStyle(canvas).fontFamily}`;
+  drawPhases(pen, rows, frame, colours);
   drawValueAxis(pen, plot, frame, colours);
   drawIterationAxis(pen, [first, last], frame, colours);
   drawLimit(pen, plot, frame, colours);
@@ -50,8 +53,33 @@ function frameOf(plot, rows, [first, last], width, height) {
 
 export function coloursOf(canvas) {
   const style = getComputedStyle(canvas);
-  const [quiet, faint, ink] = ["--quiet", "--line", "--ink"].map((name) => style.getPropertyValue(name));
-  return { quiet, faint, ink };
+  const names = ["--quiet", "--line", "--ink", "--accent", "--going"];
+  const [quiet, faint, ink, searching, rest] = names.map((name) => style.getPropertyValue(name));
+  return { quiet, faint, ink, searching, "at rest": rest };
+}
+
+// Behind the curves: where it searches, and where it is at rest; between them it settles.
+function drawPhases(pen, rows, { width, height, x }, tints) {
+  const bottom = height - MARGIN.bottom;
+  for (const [phase, first, last] of spans(rows.map((row) => [row.iteration, phaseOf(row)]))) {
+    if (phase === "settling") continue;
+    const from = Math.max(MARGIN.left, x(first - 0.5));
+    const to = Math.min(width - MARGIN.right, x(last + 0.5));
+    pen.fillStyle = tints[phase];
+    pen.globalAlpha = SHADE;
+    pen.fillRect(from, MARGIN.top - 4, to - from, bottom - MARGIN.top + 4);
+  }
+  pen.globalAlpha = 1;
+}
+
+// [what, first, last] of the stretches over which it is the same.
+function spans(entries) {
+  const found = [];
+  for (const [iteration, what] of entries) {
+    if (found.at(-1)?.[0] === what) found.at(-1)[2] = iteration;
+    else found.push([what, iteration, iteration]);
+  }
+  return found;
 }
 
 function drawValueAxis(pen, plot, { width, low, high, y }, { quiet, faint }) {

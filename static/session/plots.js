@@ -2,50 +2,57 @@
 // the one that is looked at: a canvas each, drawn anew at most ten times a second.
 
 import { byId, h, setText } from "./dom.js";
-import { millimetres, number, plain, plural } from "./format.js";
+import { fineCentimetres, number, plain, plural } from "./format.js";
 import { MARGIN, paint } from "./plot_canvas.js";
 import { maxStd, newestIteration, oldestIteration, onTheme, rowAt, shownIteration, state, subscribe } from "./state.js";
 import { goToIteration } from "./view.js";
+import { meaning } from "./words.js";
 
 const PACE = 100; // milliseconds between two drawings
 
-// First what is found, then how the algorithm goes about it. Each: title, whether the scale is logarithmic, values of a row (one per part, or one for all), how a value is read, a
-// dashed line, and what the title's number says of the row at the cursor.
+// First what is found, then how the algorithm goes about it. Each: the word that explains it, title, whether the scale is
+// logarithmic, values of a row (one per part, or one for all), how a value is read, a dashed line, and what the title's
+// number says of the row at the cursor.
 const PLOTS = [
   {
     id: "std",
-    title: "std per part, mm",
+    word: "std",
+    title: "std per part, cm",
     log: true,
     values: (row) => row.std,
-    tick: (v) => plain(v * 1000),
+    tick: (v) => plain(v * 100),
     line: maxStd,
-    now: (values) => `largest ${millimetres(Math.max(...values))}`,
+    now: (values) => `largest ${fineCentimetres(Math.max(...values))}`,
   },
   {
     id: "add",
-    title: "ADD to the truth, mm",
+    word: "add",
+    title: "ADD to the truth, cm",
     log: true,
     values: (row) => row.add ?? [],
-    tick: (v) => plain(v * 1000),
-    now: (values) => `largest ${millimetres(Math.max(...values), 2)}`,
+    tick: (v) => plain(v * 100),
+    now: (values) => `largest ${fineCentimetres(Math.max(...values))}`,
   },
   {
     id: "likelihood",
+    word: "likelihood",
     title: "log likelihood",
-    values: (row) => [row.likelihood],
+    values: (row) => [row.finalLikelihood],
     tick: (v) => plain(v),
     now: (values) => number(values[0], 1),
   },
   {
     id: "particle-std",
-    title: "particles' spread, mm",
+    word: "spread",
+    title: "particles' spread, cm",
     log: true,
     values: (row) => row.particleStd,
-    tick: (v) => plain(v * 1000),
-    now: (values) => `largest ${millimetres(Math.max(...values))}`,
+    tick: (v) => plain(v * 100),
+    now: (values) => `largest ${fineCentimetres(Math.max(...values))}`,
   },
   {
     id: "effective",
+    word: "effective",
     title: "effective sample size",
     zero: true,
     values: (row) => row.effective,
@@ -54,6 +61,7 @@ const PLOTS = [
   },
   {
     id: "seconds",
+    word: "seconds",
     title: "time per iteration, ms",
     zero: true,
     values: (row) => [row.seconds],
@@ -71,7 +79,16 @@ export function install() {
     const now = h("span", { class: "now" });
     const canvas = h("canvas", { role: "img", "aria-label": plot.title, on: { pointerdown: drag } });
     const figure = h("figure", { class: "plot", "data-plot": plot.id }, [
-      h("figcaption", {}, h("span", { class: "plot-title", title: plot.title }, plot.title), now),
+      h(
+        "figcaption",
+        {},
+        h(
+          "span",
+          { class: "plot-title", "data-word": plot.word, title: `${plot.title}. ${meaning(plot.word)}` },
+          plot.title,
+        ),
+        now,
+      ),
       canvas,
     ]);
     place.append(figure);

@@ -1,19 +1,19 @@
 // How noisy are the depths, and what have sensor and model wrong everywhere? Rows of texts: what it is, what it is taken
 // for, how sure that is, and how sure it was before the scan.
 
-import { degrees, millimetres, percent } from "./format.js";
+import { degrees, fineCentimetres, percent } from "./format.js";
 
 const AXES = { rx: "turn about x", ry: "turn about y", rz: "turn about z" };
 
 export function sensorAndModel({ depth_noise: noise, nuisances }) {
   const many = noise.length > 1;
   const view = (index) => (many ? `, view ${index}` : "");
-  const depths = noise.map((std, index) => [`depth noise${view(index)}`, "–", `± ${millimetres(std)}`, ""]);
+  const depths = noise.map((std, index) => [`depth noise${view(index)}`, "–", `± ${fineCentimetres(std)}`, ""]);
   const others = Object.entries(nuisances).map(([name, { value, std, prior_std: before }]) => {
     const [kind, ...rest] = name.split("/"); // a part's name may have a slash itself
     if (kind === "camera") {
       const [of, axis] = rest;
-      const write = axis in AXES ? degrees : millimetres;
+      const write = axis in AXES ? degrees : fineCentimetres;
       return [`camera ${of}, ${AXES[axis] ?? axis}`, write(value, 2), `± ${write(std, 2)}`, `± ${write(before, 2)}`];
     }
     const what = kind === "size" ? `size of ${rest.join("/")}` : `depth scale${view(rest[0])}`;

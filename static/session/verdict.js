@@ -11,8 +11,8 @@ import {
   newestIteration,
   partNamed,
   partOfLink,
+  phaseOf,
   rowAt,
-  searches,
   shownIteration,
   state,
   subscribe,
@@ -50,7 +50,7 @@ function show() {
   const session = state.session;
   if (!session) return;
   const behind = state.playback && shownIteration() < newestIteration();
-  const [word, rest] = behind ? ["", searches(rowAt(shownIteration())) ? "Searching" : "Settling"] : sentence(session);
+  const [word, rest] = behind ? ["", capital(phaseOf(rowAt(shownIteration())))] : sentence(session);
   const place = byId("certain");
   place.dataset.certain = String(Boolean(session.certain) && !behind);
   place.dataset.fit = behind ? "" : (session.fit ?? "");
@@ -59,18 +59,20 @@ function show() {
   byId("draw-box").hidden = session.fit !== "none" || behind || isRecording();
 }
 
+const capital = (word) => word[0].toUpperCase() + word.slice(1);
+
 // What it comes to in a word, and why.
 function sentence({ state: here, fit, fit_reason: reason, certain }) {
   if (here === "deleted") return ["", "Nothing is known of it"];
   if (fit === "none") return ["Not found:", `${reason}.`];
   if (fit === "doubtful") return ["Doubtful:", `${reason}.`];
   if (fit !== "good") {
-    const searching = searches(state.rows.at(-1)) && ["running", "waiting"].includes(here);
-    return ["", searching ? "Searching" : "Not at rest yet"];
+    const going = ["running", "waiting"].includes(here);
+    return ["", going ? capital(phaseOf(state.rows.at(-1))) : "Not at rest yet"];
   }
   const estimate = newest();
   const explained = estimate?.explained ?? null;
-  const links = certain ? "All links certain." : uncertain(estimate);
+  const links = certain ? "All parts certain." : uncertain(estimate);
   const told = explained === null ? reason : `${percent(explained)} explained${AFTER_SHARE.exec(reason)?.[1] ?? ""}`;
   return ["Found:", `${told}${told.endsWith("?") ? "" : "."} ${links}`];
 }
@@ -79,7 +81,7 @@ function sentence({ state: here, fit, fit_reason: reason, certain }) {
 // seen at all it says between which ends its joint may be.
 function uncertain(estimate) {
   const doubted = Object.entries(estimate?.links ?? {}).filter(([, link]) => !link.certain);
-  if (!doubted.length) return "Not all links certain.";
+  if (!doubted.length) return "Not all parts certain.";
   const parts = new Map(doubted.map(([name, link]) => [partOfLink(name)?.name ?? name, link]));
   const names = [...parts.keys()];
   const unseen = names.filter((name) => (parts.get(name).visible_fraction ?? 1) < UNSEEN);

@@ -51,9 +51,16 @@ def tab(page: Page, name: str) -> Locator:
     return page.get_by_role("tabpanel", name=name)
 
 
-def written(std: float) -> str:
-    """Millimetres as the page has them: without a place from 100 on."""
-    return f"{std:.0f}" if std >= 100 else f"{std:.1f}"
+def written(length: float) -> str:
+    """Metres as the page has what is known finely: centimetres, from ten on with one place."""
+    return f"{100 * length:.{1 if length >= 0.1 else 2}f}\u202fcm"
+
+
+def parts(estimate: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
+    """The cabinet's links of an estimate, by the part that they are of."""
+    links = estimate["links"]
+    of_drawers = {f"drawer{n}": [links[f"drawer{n}"], links[f"handle{n}"]] for n in (1, 2, 3)}
+    return {"frame": [links["frame"]], **of_drawers}
 
 
 def has_colour(place: Locator, colour: str) -> bool:

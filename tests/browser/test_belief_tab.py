@@ -55,7 +55,7 @@ def test_what_is_known_and_what_the_algorithm_does_are_apart(page: Page, served:
     for name in ("frame", "drawer2"):
         link = estimate["links"][name]
         cells = table.get_by_role("row", name=name).get_by_role("cell")
-        spread = f"±{written(1000 * max(link['particle_std_xyz']))}\u202fmm"
+        spread = f"±{written(max(link['particle_std_xyz']))}"
         effective = f"{row['effective_sample_size'][name]:.0f}"
         expect(cells).to_have_text([spread, effective, str(len(link["particle_modes"]))])
     # during the search nothing is known, and the particles are there all the same
@@ -126,7 +126,7 @@ def test_a_chosen_part_is_asked_about_alone(page: Page, served: Served, hidden: 
     assert gain != f"{decision(served, hidden)['views'][0]['expected_gain_nats']:.1f}"
     expect(rows.first).to_contain_text(gain)
     expect(page.locator("#blocked li")).to_have_count(1)
-    expect(page.locator("#part-doubt")).to_have_text("Not certain: its std is above 2.5\u202fmm.")
+    expect(page.locator("#part-doubt")).to_have_text("Not certain: its std is above 0.25\u202fcm.")
 
 
 def test_that_no_place_tells_more_is_told(page: Page, served: Served, uncertain: str) -> None:
@@ -147,7 +147,7 @@ def test_that_no_place_tells_more_is_told(page: Page, served: Served, uncertain:
 def test_nobody_looks_for_what_is_certain(page: Page, served: Served) -> None:
     session = at_rest(served, max_std=0.03)
     opened(page, served, session)
-    expect(page.locator("#links tr").first.locator("td").nth(2)).to_have_text("certain")
+    expect(page.locator("#part-rows tr").first.locator("td").nth(2)).to_have_text("certain")
     expect(page.get_by_text("Two coordinates")).to_be_visible()
     expect(page.locator("#next-views")).to_be_hidden()
 

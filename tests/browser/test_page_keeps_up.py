@@ -70,7 +70,7 @@ def test_a_long_name_ends_in_an_ellipsis_and_is_whole_under_the_mouse(page: Page
         ),
     )
     page = opened(page, served, small.after(served.client, 2))
-    row = page.locator("#links tr", has_text=name)
+    row = page.locator("#part-rows tr", has_text=name)
     shown = row.get_by_text(name)
     expect(shown).to_have_attribute("title", name)
     cut = "one => one.scrollWidth > one.clientWidth && getComputedStyle(one).textOverflow === 'ellipsis'"

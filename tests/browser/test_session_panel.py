@@ -38,8 +38,8 @@ def test_the_graph_opens_a_belief(page: Page, served: Served, session: str) -> N
     expect(page.locator("#modes-title")).to_have_text("hypotheses")
     expect(page.locator("#modes-calm")).to_have_text("None are read out before the inference is at rest.")
     wait(page, lambda: view(page, served)["part"] == "drawer2")
-    page.get_by_role("button", name="Back to all links").click()
-    expect(page.locator("#links tr")).to_have_count(7)
+    page.get_by_role("button", name="Back to all parts").click()
+    expect(page.locator("#part-rows tr")).to_have_count(4)
 
 
 def test_an_edge_opens_its_two_messages(page: Page, served: Served, session: str) -> None:
@@ -113,7 +113,7 @@ def test_what_sensor_and_model_have_wrong(page: Page, served: Served) -> None:
     opened(page, served, session)
     rows = page.get_by_role("table", name="Sensor and model").get_by_role("row")
     expect(rows).to_have_count(3)
-    expect(rows.nth(1).get_by_role("cell")).to_have_text(["–", f"± {1000 * found['depth_noise'][0]:.1f}\u202fmm", ""])
+    expect(rows.nth(1).get_by_role("cell")).to_have_text(["–", f"± {written(found['depth_noise'][0])}", ""])
     # adding zero takes the sign from a zero
     value = f"{round(100 * scale['value'], 2) + 0.0:.2f}".replace("-", "\u2212")
     expect(rows.nth(2).get_by_role("cell")).to_have_text(

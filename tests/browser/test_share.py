@@ -166,7 +166,7 @@ def test_a_recording_that_was_cut_short(page: Page, served: Served, session: str
     expect(page.locator("#state-word")).to_have_text("recording")
     expect(page.locator("#shown")).to_have_text(f"{newest} / {newest}")
     expect(page.get_by_role("alert").first).to_contain_text(f"what comes after iteration {newest} is damaged")
-    expect(page.locator("#links tr")).to_have_count(7)
+    expect(page.locator("#part-rows tr")).to_have_count(4)
     wait(page, lambda: (view(page, served)["drawn"] or {}).get("iteration") == newest)
     page.get_by_role("slider", name="Iteration").fill("0")
     wait(page, lambda: view(page, served)["drawn"]["iteration"] == 0)

@@ -13,7 +13,7 @@ from playwright.sync_api import Page, Route, expect
 
 from tests.app import small_sessions as small
 from tests.browser.conftest import DESK, PATIENCE, PHONE, pixels, scrolls_sideways
-from tests.browser.session_page import at_rest, has_colour, opened, tab, view, wait, written
+from tests.browser.session_page import at_rest, has_colour, opened, parts, tab, view, wait, written
 from tests.servers import Served
 
 expect.set_options(timeout=PATIENCE)
@@ -86,7 +86,7 @@ def test_the_verdict_of_what_was_found(
 ) -> None:
     page = opened(new_page(viewport=size), served, certain)
     explained = served.client.get(f"{certain}/estimate").json()["explained"]
-    sentence = f"Found: {100 * explained:.0f}\u202f% explained. All links certain."
+    sentence = f"Found: {100 * explained:.0f}\u202f% explained. All parts certain."
     verdict = page.locator("#certain")
     expect(verdict).to_have_text(sentence)
     expect(verdict).to_have_attribute("data-certain", "true")
@@ -97,7 +97,7 @@ def test_the_verdict_of_what_was_found(
     assert not scrolls_sideways(page)
     # it is about the newest iteration, whatever is looked at
     page.get_by_role("slider", name="Iteration").fill("2")
-    expect(page.locator("#links tr").first.locator("td").nth(0)).to_have_text("–")
+    expect(page.locator("#part-rows tr").first.locator("td").nth(0)).to_have_text("–")
     expect(verdict).to_have_text(sentence)
 
 
@@ -116,7 +116,7 @@ def test_the_verdict_says_what_is_seen_through_or_there_twice(page: Page, served
     page.add_init_script(f"({OTHER_WORDS})({json.dumps(members)})")
     opened(page, served, certain)
     told = (
-        r"Found: \d+\s% explained; drawer2 is seen through in places, so that it may be elsewhere\. All links certain\."
+        r"Found: \d+\s% explained; drawer2 is seen through in places, so that it may be elsewhere\. All parts certain\."
     )
     expect(page.locator("#certain")).to_have_text(re.compile(told))
 
@@ -154,7 +154,7 @@ def test_the_verdict_while_it_goes_on(page: Page, served: Served) -> None:
     expect(page.locator("#certain")).to_have_text("Not at rest yet")
     expect(page.locator("#certain")).to_have_attribute("data-fit", "")
     served.client.post(f"{session}/run", json={"until": "converged"}).raise_for_status()
-    expect(page.locator("#certain")).to_have_text(re.compile(r"Found: \d+\s% explained\. All links certain\."))
+    expect(page.locator("#certain")).to_have_text(re.compile(r"Found: \d+\s% explained\. All parts certain\."))
     # a change that no iteration has seen yet may lead elsewhere
     served.client.patch(session, json={"config": {"effective_share": 0.2}}).raise_for_status()
     expect(page.locator("#certain")).to_have_text("Not at rest yet")
@@ -166,20 +166,22 @@ def test_a_standard_deviation_stands_against_its_limit(
     for shown, session, word in ((page, certain, "certain"), (new_page(), uncertain, "not certain")):
         opened(shown, served, session)
         estimate = served.client.get(f"{session}/estimate").json()
-        limit = estimate["max_std"] * 1000
-        expect(shown.locator("#std-limit")).to_have_text(f"of {written(limit)}\u202fmm")
-        for name, link in estimate["links"].items():
-            row = shown.locator("#links tr", has=shown.get_by_role("rowheader", name=name))
-            std, add = 1000 * max(link["std_xyz"]), 1000 * link["expected_add"]
-            expect(row.locator("td").nth(0)).to_have_text(f"±{written(std)}\u202fmm")
+        limit = estimate["max_std"]
+        expect(shown.locator("#std-limit")).to_have_text(f"of {written(limit)}")
+        for name, links in parts(estimate).items():
+            row = shown.locator("#part-rows tr", has=shown.get_by_role("rowheader", name=name))
+            std, add = (max(np.ravel([link[of] for link in links])) for of in ("std_xyz", "expected_add"))
+            expect(row.locator("td").nth(0)).to_have_text(f"±{written(std)}")
             told = row.locator("td").nth(0).get_attribute("title") or ""
-            assert f"off by {written(add)}\u202fmm" in told
+            assert f"off by {written(add)}" in told
             gauge = row.locator(".gauge")
             expect(gauge).to_have_attribute("data-over", str(std > limit).lower())
             share = float(gauge.evaluate("(gauge) => gauge.style.getPropertyValue('--share')"))
             assert share == pytest.approx(min(1, 0.75 * std / limit), abs=1e-6)
             expect(row.locator("td").nth(2)).to_have_text(word)
-            expect(row.locator("td").nth(2)).to_have_attribute("data-certain", str(link["certain"]).lower())
+            expect(row.locator("td").nth(2)).to_have_attribute(
+                "data-certain", str(all(link["certain"] for link in links)).lower()
+            )
 
 
 def test_a_joint_has_its_interval_within_its_limits(page: Page, served: Served, certain: str) -> None:
@@ -204,9 +206,9 @@ def test_a_joint_has_its_interval_within_its_limits(page: Page, served: Served, 
         assert drawn["width"] == pytest.approx((wanted[1] - wanted[0]) * track["width"] + 4, abs=1)
     # drawn again, what has not changed stays the same element
     bar = page.locator("#joints .interval").first.element_handle()
-    page.locator("#links button").first.click()
+    page.locator("#part-rows button").first.click()
     expect(page.locator("#part")).to_be_visible()
-    page.get_by_role("button", name="Back to all links").click()
+    page.get_by_role("button", name="Back to all parts").click()
     expect(page.locator("#joints .interval").first).to_be_visible()
     assert bar.evaluate("(bar) => bar.isConnected")
     page.get_by_role("slider", name="Iteration").fill("2")
@@ -236,11 +238,11 @@ def test_the_standard_deviation_has_a_gap_until_it_is_at_rest(page: Page, served
 def test_how_sure_is_told_when_it_is_asked_for(page: Page, served: Served, on_the_way: str) -> None:
     opened(page, served, on_the_way)
     button = page.get_by_role("button", name="How sure?")
-    std = page.locator("#links tr").first.locator("td").nth(0)
+    std = page.locator("#part-rows tr").first.locator("td").nth(0)
     expect(std).to_have_text("–")
     button.click()
     asked = served.client.get(f"{on_the_way}/estimate?iteration=6&posterior=true").json()
-    expect(std).to_have_text(f"±{written(1000 * max(asked['links']['frame']['std_xyz']))}\u202fmm")
+    expect(std).to_have_text(f"±{written(max(asked['links']['frame']['std_xyz']))}")
     expect(button).to_be_hidden()
     expect(page.locator("#how-sure-text")).to_have_text(
         f"Not at rest in iteration 6; read out all the same: {asked['fit_reason']}."
@@ -263,7 +265,7 @@ def test_how_sure_is_told_when_it_is_asked_for(page: Page, served: Served, on_th
 
 def test_at_rest_nobody_has_to_ask(page: Page, served: Served, certain: str) -> None:
     opened(page, served, certain)
-    expect(page.locator("#links tr").first.locator("td").nth(0)).to_contain_text("±")
+    expect(page.locator("#part-rows tr").first.locator("td").nth(0)).to_contain_text("±")
     expect(page.locator("#how-sure")).to_be_hidden()
     expect(page.locator("#how-sure-text")).to_be_hidden()
     expect(page.get_by_role("heading", name="Alternatives")).to_be_hidden()  # there is one hypothesis only
@@ -306,7 +308,7 @@ def test_alternatives_tell_what_is_elsewhere(page: Page, served: Served, certain
 
 def test_what_the_scan_does_not_tell_is_said(page: Page, served: Served, certain: str) -> None:
     opened(page, served, certain)
-    expect(page.locator("#links tr")).to_have_count(len(served.client.get(f"{certain}/estimate").json()["links"]))
+    expect(page.locator("#part-rows tr")).to_have_count(4)
     expect(page.locator("#unknown")).to_be_hidden()
 
     def altered(route: Route) -> None:

@@ -1,5 +1,4 @@
-"""A planner that looks until it may act: a drawer is to be pulled that another one hides. From the project's folder,
-beside a server (`make serve`):
+"""A planner that looks until it may act, on a drawer that another one hides. From the project's folder, by a server:
 
 python docs/examples/planner.py http://127.0.0.1:8080
 """

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from app import cli
-from tests.shell_words import commands
+from tests.shown_code import commands
 
 
 def subcommands() -> dict[str, argparse.ArgumentParser]:

@@ -20,6 +20,7 @@ sys.path[:0] = [str(ROOT), str(HERE)]
 project = "pmpnbp"
 author = copyright = ""
 language = "en"
+smartquotes = False  # words in quotes are mostly values
 extensions = ["myst_parser", "sphinx.ext.autodoc", "house_docstrings"]
 
 # Sources are found from the project's folder on, so that links between README.md and docs are as they stand

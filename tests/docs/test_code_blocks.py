@@ -26,6 +26,8 @@ BLOCKS = [(page.relative_to(ROOT).as_posix(), *block) for page in PAGES for bloc
 
 # All blocks of these pages are executed there.
 ELSEWHERE = {"docs/python.md": "tests/library/test_python_page.py", "docs/rest.md": "tests/app/test_rest_examples.py"}
+# Of these all are words to Sphinx, which test_site.py has read.
+OF_THE_SITE = ("docs/site/examples.md", "docs/site/reference.md")
 # Blocks without a language are nothing that could be executed. By page and beginning.
 NO_CODE = {
     ("docs/benchmarks.md", "Kernels, part poses a second"): "what `pmpnbp benchmark` printed",
@@ -90,6 +92,7 @@ def of_language(language: str) -> list[tuple[str, str]]:
 def test_every_block_is_accounted_for() -> None:
     for page, language, text in BLOCKS:
         known = page in ELSEWHERE or language in ("sh", "python", "json")
+        known = known or (page in OF_THE_SITE and language.startswith("{"))
         assert known or any(page == of and text.startswith(start) for of, start in NO_CODE), f"{page}: {text[:60]}"
     for page, test in ELSEWHERE.items():
         assert f'"{Path(page).name}"' in (ROOT / test).read_text()

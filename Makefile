@@ -7,6 +7,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 # What serves needs less than what is tested: no test extra
 SERVE_STAMP := $(VENV)/.installed-to-serve
+DOCS_STAMP := $(VENV)/.installed-for-docs
 
 # pip's own advice about newer versions of itself, and its prompts, are noise in a log
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
@@ -19,7 +20,7 @@ export PYTHONDONTWRITEBYTECODE :=
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder \
   --explain-failures
 
-.PHONY: serve test test-baseline kernels kernels-baseline install lint format types benchmark clean system-packages browser
+.PHONY: serve test test-baseline kernels kernels-baseline install lint format types docs benchmark clean system-packages browser
 .DEFAULT_GOAL := test
 
 ## serve: the server at http://127.0.0.1:8080/ with the sample session open; `make serve SERVE_ARGS="--port 8081"`
@@ -67,6 +68,12 @@ format: $(STAMP)
 	$(BIN)/python -m ruff check --fix .
 	$(call javascript,check --write)
 
+## docs: the documentation as a site, build/docs/index.html; a link that leads nowhere is an error
+docs: $(DOCS_STAMP)
+	$(BIN)/python -m sphinx --fail-on-warning --fresh-env --write-all --quiet --conf-dir docs/site \
+	  --doctree-dir build/docs-read . build/docs
+	@echo "The site begins at build/docs/index.html"
+
 ## benchmark: speeds, as ratios against named references in the same run
 benchmark: $(STAMP)
 	$(BIN)/pmpnbp benchmark
@@ -86,11 +93,15 @@ endef
 
 $(STAMP): pyproject.toml constraints.txt | system-packages
 	$(call install,.[test],1.4)
-	@touch $@ $(SERVE_STAMP)
+	@touch $@ $(SERVE_STAMP) $(DOCS_STAMP)
 
 $(SERVE_STAMP): pyproject.toml constraints.txt | system-packages
 	$(call install,.,1.3)
 	@touch $@
+
+$(DOCS_STAMP): pyproject.toml constraints.txt | system-packages
+	$(call install,.[docs],1.4)
+	@touch $@ $(SERVE_STAMP)
 
 system-packages:
 	@sh .ci/system_packages

@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import importlib
 import math
-import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from app import compiled_kernels
+from app.help_examples import example
 from app.server_config import ServerConfig, convert, environment_name
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.settings import SessionOptions
@@ -26,13 +26,7 @@ Value = TypeVar("Value")
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
 EXPERIMENTS = ("convergence", "occlusion", "robot", "planning", "push")
-
-EXAMPLE = """\
-example, a cabinet of which nothing is known but a box around it:
-  pmpnbp estimate {cabinet}/cabinet.urdf {cabinet}/open/depth.png \\
-      --camera {cabinet}/open/camera.json --roi=-0.08,-0.19,-0.1,0.89,0.7,0.85 \\
-      --out result.json --recording open.sqlite
-"""
+SHELLS = ("bash", "zsh", "fish")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -41,6 +35,13 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         sys.stderr.write(f"{self.prog}: {message}; see {self.prog} --help\n")
         raise SystemExit(BAD_INPUT)
+
+
+class _Help(argparse.HelpFormatter):
+    """Wraps paragraphs, and leaves examples as they stand."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if text.startswith("example") else super()._fill_text(text, width, indent)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -87,8 +88,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="pmpnbp",
         description="Poses of the links and positions of the joints of an articulated object, from depth scans.",
-        epilog=_example(),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog=example("estimate"),
+        formatter_class=_Help,
     )
     parser.add_argument("--version", action=_Version, help="print the version and exit")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -100,12 +101,13 @@ def _parser() -> argparse.ArgumentParser:
     benchmark.add_argument("--out", type=Path, metavar="FILE", help="where the figures go, as JSON")
     _add_reproduce(commands)
     _add_calibrate(commands)
+    completion = commands.add_parser("completion", help="print a script that completes commands and options in a shell")
+    completion.add_argument("shell", choices=SHELLS, metavar="SHELL", help=", ".join(SHELLS))
+    completion.set_defaults(parser=parser)
+    for name, command in commands.choices.items():
+        command.formatter_class = _Help
+        command.epilog = command.epilog or example(name)
     return parser
-
-
-def _example() -> str:
-    """The example with its files as they are called from the working folder."""
-    return EXAMPLE.format(cabinet=os.path.relpath(Path(__file__).resolve().parents[1] / "sample_data" / "cabinet"))
 
 
 class _Version(argparse.Action):
@@ -127,8 +129,6 @@ def _add_estimate(commands: argparse._SubParsersAction[_Parser]) -> None:
         help="find an object in one scene's scans",
         description="Find the object MODEL in one or several scans of one scene. The result is JSON, progress goes to "
         "standard error.",
-        epilog=_example(),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = command.add_argument
     add("model", type=Path, metavar="MODEL", help="a URDF, or a zip holding one with its meshes")

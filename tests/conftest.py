@@ -22,6 +22,7 @@ LONG_FILES = (
     "tests/app/test_openapi.py",
     "tests/app/test_serve.py",
     "tests/app/test_rest_examples.py",
+    "tests/docs/test_examples.py",
     "tests/test_recording.py",
     "tests/app/test_view_command.py",
     "tests/app/test_estimate_command.py",

@@ -58,7 +58,7 @@ class Estimate:
 
     fit : "good", "doubtful", "none", or None as long as there is no posterior; fit_reason : a sentence
     explained : share of what should be seen that the scan confirms; effective_draws : of the posterior
-    links, joints : by name; joints : the moving ones; alternatives : whole objects, heaviest first
+    links : by name; joints : the moving ones, by name; alternatives : whole objects, heaviest first
     unknown : a sentence for each joint and turn that the scan does not tell at all
     depth_noise : (V,) metres, standard deviation of each view's depths; nuisances : by name
     truth : errors against the truth where that is known, as result.json has them

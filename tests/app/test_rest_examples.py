@@ -14,16 +14,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.shown_code import blocks
+
 if TYPE_CHECKING:
     from tests.servers import Served
 
 ADDRESS = "http://127.0.0.1:8080"
 
 
-def blocks(repository: Path, language: str) -> list[str]:
+def of_language(repository: Path, language: str) -> list[str]:
     """The page's blocks of code in a language, in order."""
-    page = (repository / "docs" / "rest.md").read_text(encoding="utf-8")
-    return re.findall(rf"^```{language}\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    return [text for named, text in blocks(repository / "docs" / "rest.md") if named == language]
 
 
 @pytest.fixture
@@ -53,18 +54,17 @@ def known_picture(path: Path) -> None:
 
 
 def test_every_block_is_of_a_kind_that_is_executed(repository: Path) -> None:
-    page = (repository / "docs" / "rest.md").read_text(encoding="utf-8")
-    assert page.count("\n```") == 2 * (len(blocks(repository, "sh")) + len(blocks(repository, "python")))
+    assert {language for language, _ in blocks(repository / "docs" / "rest.md")} == {"sh", "python"}
 
 
 def test_the_planner_takes_ten_lines(repository: Path) -> None:
-    assert len(blocks(repository, "sh")[0].splitlines()) == 10
+    assert len(of_language(repository, "sh")[0].splitlines()) == 10
 
 
 def test_curl(served: Served, repository: Path, folder: Path) -> None:
     served.ready()
     # of `decide | grep … && …` the second half is left out where the decision is the other one: a file is missing then
-    script = "set -eu\n" + "\n".join(blocks(repository, "sh"))
+    script = "set -eu\n" + "\n".join(of_language(repository, "sh"))
     printed = executed(["sh", "-c"], script, folder, served.url)
     first, second = (json.loads((folder / f"{name}.json").read_text()) for name in ("first", "second"))
     assert (first["action"], second["action"]) == ("look", "act")
@@ -91,7 +91,7 @@ def test_curl(served: Served, repository: Path, folder: Path) -> None:
 
 def test_python(served: Served, repository: Path, folder: Path) -> None:
     served.ready()
-    (script,) = blocks(repository, "python")
+    (script,) = of_language(repository, "python")
     printed = executed([sys.executable, "-c"], script, folder, served.url)
     assert "looked again: act" in printed
     opened = re.search(r"drawer3 is open by (\S+) m", printed)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Request, Response
+from fastapi import APIRouter, Header, Query, Request, Response
 
 from app.documentation import answer
 from app.problems import responses
@@ -54,9 +54,14 @@ def create_session(
 
 
 @router.get("/sessions", response_model=list[Session], summary="All sessions")
-def list_sessions(request: Request) -> Any:
+def list_sessions(
+    request: Request,
+    tag: Annotated[
+        list[str] | None, Query(max_length=20, description="only those that have this tag; several: all")
+    ] = None,
+) -> Any:
     """Oldest first, damaged ones too."""
-    return tellable(Session, sessions_of(request).list())
+    return tellable(Session, sessions_of(request).list(tag or ()))
 
 
 @router.get("/sessions/{session_id}", response_model=Session, summary="One session", responses=responses(404))
@@ -109,10 +114,16 @@ def reset_session(session: LiveSession) -> Any:
     return session.status()
 
 
-@commands.patch("", response_model=Session, summary="Change settings", responses=responses(507))
+@commands.patch("", response_model=Session, summary="Change settings, name or tags", responses=responses(507))
 def change_session(session: LiveSession, body: ChangeRequest) -> Any:
-    """From the next iteration on, in any state. Settings that are not named stay; a preset resets them all."""
-    session.change(body.config).result()
+    """Settings count from the next iteration on, in any state. Those that are not named stay; a preset resets them all.
+    Name and tags are others at once, and the call waits for no iteration where it brings nothing else; `tags` are all
+    that the session then has."""
+    labels = body.model_dump(include={"name", "tags"} & body.model_fields_set)
+    if "config" in body.model_fields_set:
+        session.change(body.config, labels).result()
+    else:
+        session.label(labels)
     return session.status()
 
 

@@ -30,14 +30,7 @@ from pmpnbp.errors import StorageError
 from pmpnbp.settings import SessionOptions
 
 # A session as it is asked for, where nothing is said.
-DEFAULTS: Mapping[str, Any] = {
-    "name": None,
-    "tags": [],
-    **asdict(SessionOptions()),
-    "config": {},
-    "truth": None,
-    "sample": None,
-}
+DEFAULTS: Mapping[str, Any] = {"name": None, "tags": [], **asdict(SessionOptions()), "config": {}, "truth": None}
 
 _log = logging.getLogger("pmpnbp.server")
 
@@ -69,11 +62,12 @@ class Sessions:
     def create(self, body: Mapping[str, Any], call: Call | None = None) -> Session:
         """A new session at iteration 0.
 
-        body : `model_id`, `scan_ids` and what DEFAULTS has, which stands for what is left out; call : to which the
+        body : `model_id`, `scan_ids` and what DEFAULTS has, which stands for what is left out; of one of the samples
+        also which `sample` it is; call : to which the
         session's status is the answer. Raises PmpnbpError for what does not fit together; HttpProblem 404 for a model
         or scan that is not here, 429 for one session too many, 507 for one that does not fit into memory.
         """
-        unknown = set(body) - set(DEFAULTS) - {"model_id", "scan_ids"}
+        unknown = set(body) - set(DEFAULTS) - {"model_id", "scan_ids", "sample"}
         if unknown:
             raise HttpProblem(422, f"a session has no {', '.join(sorted(unknown))}")
         document: Document = {

@@ -1,4 +1,4 @@
-"""What a session is called, and the tags that it is found by: said at once, kept over restarts, refused in a sentence."""
+"""What a session is called, and the tags it is found by: said at once, kept over restarts, refused in a sentence."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from tests.app import small_sessions as small
-from tests.browser.conftest import PHONE, Troubles, scrolls_sideways
+from tests.browser.conftest import DESK, PHONE, Troubles, scrolls_sideways
 from tests.browser.start_page import card, emptied
 from tests.servers import Served
 
@@ -114,7 +114,10 @@ def test_name_and_tags_are_changed_where_they_stand(
     expect(form.get_by_label("Tags")).to_be_focused()
 
 
-def test_several_are_tagged_laid_side_by_side_and_deleted(page: Page, served: Served, runs: dict[str, str]) -> None:
+def test_several_are_tagged_laid_side_by_side_and_deleted(
+    new_page: Callable[..., Page], served: Served, runs: dict[str, str]
+) -> None:
+    page = new_page(viewport=DESK)  # all four are in sight
     page.goto(served.url)
     page.get_by_label("Select the session hall").check()
     chosen = page.get_by_role("region", name="Selected sessions")

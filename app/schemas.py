@@ -7,7 +7,7 @@ import math
 from dataclasses import fields
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
 from pmpnbp.inference.arrival import ScanMode
 from pmpnbp.json_text import check_text
@@ -50,6 +50,15 @@ Config = Annotated[
         max_length=100,
     ),
 ]
+Name = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200)]
+Tag = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=40)]
+Tags = Annotated[
+    list[Tag],
+    AfterValidator(lambda tags: list(dict.fromkeys(tags))),
+    Field(
+        description="words that it is found by; one that comes twice counts once", examples=[["kitchen"]], max_length=20
+    ),
+]
 Members = Annotated[dict[str, Any], AfterValidator(_plain)]
 
 
@@ -86,7 +95,13 @@ class SessionRequest(Body):
         max_length=32,
         examples=[["0123456789abcdef"]],
     )
-    name: str | None = Field(None, description="what people call it", max_length=200, examples=["kitchen"])
+    name: str | None = Field(
+        None,
+        description="what people call it; without one it is called by the files of its model and scan",
+        max_length=200,
+        examples=["kitchen"],
+    )
+    tags: Tags = Field(default_factory=list)
     method: Method = _option("method")
     particles: int = _option("particles")
     iterations: int = _option("iterations", "; `run` makes so many where it is told no number")
@@ -135,9 +150,17 @@ class StepRequest(Body):
 
 
 class ChangeRequest(Body):
-    """Settings to change."""
+    """What to change; at least one of them."""
 
-    config: Config
+    config: Config = Field(default_factory=dict)
+    name: Name = Field(default_factory=str, description="what people call it")
+    tags: Tags = Field(default_factory=list)
+
+    @model_validator(mode="after")
+    def _says_something(self) -> ChangeRequest:
+        if not self.model_fields_set:
+            raise ValueError("it names nothing to change; expected config, name or tags")
+        return self
 
 
 class AddScanRequest(Body):
@@ -221,7 +244,8 @@ class Session(Progress):
 
     id: str = Field(description="16 hexadecimal digits", examples=["0123456789abcdef"])
     kind: Literal["session", "recording"] = Field(description="recording: an uploaded one, which can only be read")
-    name: str | None = Field(description="what people call it")
+    name: str | None = Field(description="what people call it; null where the document is damaged")
+    tags: list[str] = Field(default_factory=list, description="words that it is found by; none of a recording")
     view_url: str = Field(description="path of its page", examples=["/sessions/0123456789abcdef/"])
     model_id: str | None = Field(description="id of the model; null where the document is damaged, and of a recording")
     scan_ids: list[str] = Field(

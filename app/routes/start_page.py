@@ -43,6 +43,12 @@ def session_page(request: Request) -> Response:
     return _file("session.html", request)
 
 
+@router.get("/compare")
+def compare_page(request: Request) -> Response:
+    """Several sessions side by side, those that `?sessions=ID,ID` names; the page asks for them itself."""
+    return _file("compare.html", request)
+
+
 @router.get("/favicon.ico")
 def icon(request: Request) -> Response:
     """What browsers ask for without being told to."""

@@ -54,14 +54,24 @@ def settings_of(config: Mapping[str, Any]) -> Settings:
 
 
 def folded(document: Mapping[str, Any]) -> Document:
-    """The document of a session that begins anew with what is now in force."""
-    return {**document, "config": present_config(document), "scan_ids": present_scans(document)[0], "changes": []}
+    """The members that are others once a session begins anew with what is now in force."""
+    return {"config": present_config(document), "scan_ids": present_scans(document)[0], "changes": []}
+
+
+def shown(document: Mapping[str, Any]) -> Document:
+    """What REST shows of a document."""
+    as_given = ("name", "model_id", "method", "particles", "seed", "roi", "prior", "max_std", "created")
+    return {
+        **{member: document.get(member) for member in as_given},
+        "tags": list(document.get("tags") or ()),
+        "scan_ids": present_scans(document)[0],
+        "config": present_config(document),
+    }
 
 
 def prepare(store: Store, document: Mapping[str, Any]) -> tuple[Problem, Inputs]:
     """The problem that a document asks for now, and its inputs. Raises PmpnbpError, HttpProblem 404, 409."""
-    if not document.get("model_id"):
-        raise HttpProblem(409, "the session's document is damaged and does not tell what it was given; delete it")
+    check_whole(document)
     check_room(store)
     scans, arrival = present_scans(document)
     return recording.prepare(
@@ -84,6 +94,12 @@ def criteria(document: Mapping[str, Any]) -> Criteria:
         max_std=document.get("max_std") or SessionOptions.max_std,
         truth=None if truth is None else truth_of(truth, "the truth"),
     )
+
+
+def check_whole(document: Mapping[str, Any]) -> None:
+    """HttpProblem 409 for what stands in for the document of a session whose own is damaged."""
+    if not document.get("model_id"):
+        raise HttpProblem(409, "the session's document is damaged and does not tell what it was given; delete it")
 
 
 def check_room(store: Store) -> None:

@@ -54,7 +54,8 @@ SAMPLES = (
     Sample("robot", "robot/scan_0", "a mobile manipulator", _ROBOT, prior=True),
     Sample("robot_partial", "robot/partial", "a mobile manipulator, seen in part", _PARTIAL, prior=True),
 )
-NAME = SAMPLES[0].name
+# That of `serve --demo`.
+DEMO, NAME = SAMPLES[0].scene, SAMPLES[0].name
 
 
 def sample_document(store: Store, parsers: Parsers, scene: str = "open") -> dict[str, Any]:
@@ -71,6 +72,7 @@ def sample_document(store: Store, parsers: Parsers, scene: str = "open") -> dict
         scan_id = _scan(store, parsers, staging, place)
     return {
         "name": sample.name,
+        "sample": scene,
         "model_id": model_id,
         "scan_ids": [scan_id],
         "roi": _json(place / "roi.json")["roi"],

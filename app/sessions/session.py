@@ -27,6 +27,7 @@ from app.sessions.memory_room import MemoryRoom
 from app.sessions.recorded_inference import RecordedInference
 from app.sessions.run_queue import RunQueue
 from app.sessions.source import Source, no_view
+from app.sessions.trace_row import verdict
 from app.sessions.worker import Worker
 from app.store.store import Store
 from pmpnbp.errors import PmpnbpError, RecordingError, StorageError
@@ -117,9 +118,18 @@ class Session(Source):
         """Begin anew, with the settings and scans now in force; the old recording goes."""
         return self._submit(self._reset)
 
-    def change(self, config: Mapping[str, Any]) -> Future[None]:
-        """Other settings from the next iteration on. The future may raise SettingError, or HttpProblem 409 or 507."""
-        return self._submit(partial(self._change, dict(config)))
+    def change(self, config: Mapping[str, Any], labels: Mapping[str, Any] | None = None) -> Future[None]:
+        """Other settings from the next iteration on, and with them, or not at all, what `label` takes. The future may
+        raise SettingError, or HttpProblem 409 or 507."""
+        return self._submit(partial(self._change, dict(config), dict(labels or {})))
+
+    def label(self, labels: Mapping[str, Any]) -> None:
+        """Another `name`, or other `tags`, at once: the inference knows nothing of them, so no iteration is waited for.
+        HttpProblem 409, StorageError."""
+        with self._lock:
+            self._check_open()
+            documents.check_whole(self._document)
+            self._rewrite(labels)
 
     def add_scan(self, scan_id: str, mode: ScanMode) -> Future[None]:
         """Another scan from the next iteration on. The future may raise ScanError, or HttpProblem 404, 409, 507."""
@@ -139,20 +149,8 @@ class Session(Source):
     def status(self) -> dict[str, Any]:
         """What REST shows of the session."""
         with self._lock:
-            document = self._document
-            shown = {name: document.get(name) for name in ("method", "particles", "seed", "roi", "prior", "max_std")}
-            return {
-                "id": self.id,
-                "kind": self.kind,
-                "name": document.get("name"),
-                "view_url": f"/sessions/{self.id}/",
-                **self._progress(),
-                "model_id": document.get("model_id"),
-                "scan_ids": documents.present_scans(document)[0],
-                **shown,
-                "config": documents.present_config(document),
-                "created": document.get("created"),
-            }
+            own = {"id": self.id, "kind": self.kind, "view_url": f"/sessions/{self.id}/"}
+            return {**own, **self._progress(), **documents.shown(self._document)}
 
     def progress(self) -> dict[str, Any]:
         """The part of it that changes by itself."""
@@ -291,22 +289,21 @@ class Session(Source):
     def _reset(self) -> None:
         if self._goal is not None:
             self._pause()
-        document = documents.folded(self._document)
-        problem, inputs = documents.prepare(self._store, document)
+        anew = documents.folded(self._document)
+        problem, inputs = documents.prepare(self._store, {**self._document, **anew})
         self._room.claim(self.id, problem)
         self.archive.abandon()
-        self._store.write_session(self.id, document)
-        self._document = document
+        self._rewrite(anew)
         self.begin(problem, inputs)
         self._announced = ()
         self._tell("paused")
 
-    def _change(self, config: dict[str, Any]) -> None:
+    def _change(self, config: dict[str, Any], labels: dict[str, Any]) -> None:
         self.archive.check()
         if not config:
-            return
+            return self.label(labels)
         settings = documents.settings_of(documents.fold(documents.present_config(self._document), config))
-        self._apply({"config": config}, {"settings": settings})
+        self._apply({"config": config}, {"settings": settings}, labels)
 
     def _add_scan(self, scan_id: str, mode: ScanMode) -> None:
         self.archive.check()
@@ -314,36 +311,39 @@ class Session(Source):
             raise HttpProblem(409, f"scan '{scan_id}' is in session '{self.id}' already")
         self._apply({"scan_id": scan_id, "mode": mode}, {"scan": self._store.load_scan(scan_id), "mode": mode})
 
-    def _apply(self, entry: dict[str, Any], change: dict[str, Any]) -> None:
+    def _apply(self, entry: dict[str, Any], change: dict[str, Any], labels: Mapping[str, Any] | None = None) -> None:
         """Make a change after the iteration just made, in document and recording; nothing of it where it fails."""
         after = self.archive.next_change(self._inference.iteration)
         entry = {"after_iteration": after, **entry}
-        old = self._document
-        new = {**old, "changes": [*(old.get("changes") or ()), entry]}
-        problem, _ = documents.prepare(self._store, new)
+        new = {"changes": [*self.changes(), entry], **(labels or {})}
+        problem, _ = documents.prepare(self._store, {**self._document, **new})
         self._room.claim(self.id, problem)
-        self._store.write_session(self.id, new)
+        old = self._rewrite(new)
         try:
             self.archive.change(Change(after, note=json.dumps(entry), **change), problem)
         except (HttpProblem, RecordingError) as error:
-            self._store.write_session(self.id, old)
+            self._rewrite(old)
             self._fail(error)
             raise
-        with self._lock:
-            self._document = new
         self._tell()
 
+    def _rewrite(self, members: Mapping[str, Any]) -> Document:
+        """Write the document with other `members`, and what they were before. Always from the present one: names and
+        tags come from other threads, settings and scans from the session's own."""
+        with self._lock:
+            old = {name: self._document.get(name) for name in members}
+            new = {**self._document, **members}
+            self._store.write_session(self.id, new)
+            self._document = new
+        return old
+
     def _progress(self) -> dict[str, Any]:
-        row, changed = self.archive.row, self.archive.changed_since
         return {
             "state": self.state,
-            "iteration": row["iteration"],
+            "iteration": self.archive.row["iteration"],
             "iterations": self._target,
             "until": self._until,
-            "converged": row["converged"] and not changed,
-            "certain": row["certain"] and not changed,
-            "fit": None if changed else row["fit"],
-            "fit_reason": None if changed else row["fit_reason"],
+            **verdict(self.archive.row, self.archive.changed_since),
             "error": self._error,
             "position": self._slots.position(self) if self.state == "waiting" else None,
             "reading_out": self._long_read_out.underway,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -15,9 +15,10 @@ from app.problems import HttpProblem
 from app.server_config import ServerConfig
 from app.sessions.document import Document, prepare
 from app.sessions.memory_room import MemoryRoom
+from app.sessions.names import named
 from app.sessions.open_recordings import OpenRecordings
 from app.sessions.run_queue import RunQueue
-from app.sessions.sample import NAME, sample_document
+from app.sessions.sample import DEMO, NAME, sample_document
 from app.sessions.session import RECORDING, Session
 from app.sessions.source import Source
 from app.sessions.uploaded import UploadedRecording
@@ -29,7 +30,7 @@ from pmpnbp.errors import StorageError
 from pmpnbp.settings import SessionOptions
 
 # A session as it is asked for, where nothing is said.
-DEFAULTS: Mapping[str, Any] = {"name": None, **asdict(SessionOptions()), "config": {}, "truth": None}
+DEFAULTS: Mapping[str, Any] = {"name": None, "tags": [], **asdict(SessionOptions()), "config": {}, "truth": None}
 
 _log = logging.getLogger("pmpnbp.server")
 
@@ -52,7 +53,8 @@ class Sessions:
     def restore(self) -> None:
         """Take up every session of the store: paused where its recording ends, or failed where it is damaged."""
         for id, document in self._store.sessions():
-            session = Session(id, self._store, document or {"id": id}, self._slots, self._room)
+            document = named(document, self._store) if document else {"id": id}
+            session = Session(id, self._store, document, self._slots, self._room)
             session.recover()
             with self._lock:
                 self._sessions[id] = session
@@ -60,11 +62,12 @@ class Sessions:
     def create(self, body: Mapping[str, Any], call: Call | None = None) -> Session:
         """A new session at iteration 0.
 
-        body : `model_id`, `scan_ids` and what DEFAULTS has, which stands for what is left out; call : to which the
+        body : `model_id`, `scan_ids` and what DEFAULTS has, which stands for what is left out; of one of the samples
+        also which `sample` it is; call : to which the
         session's status is the answer. Raises PmpnbpError for what does not fit together; HttpProblem 404 for a model
         or scan that is not here, 429 for one session too many, 507 for one that does not fit into memory.
         """
-        unknown = set(body) - set(DEFAULTS) - {"model_id", "scan_ids"}
+        unknown = set(body) - set(DEFAULTS) - {"model_id", "scan_ids", "sample"}
         if unknown:
             raise HttpProblem(422, f"a session has no {', '.join(sorted(unknown))}")
         document: Document = {
@@ -120,11 +123,11 @@ class Sessions:
         """An uploaded recording is no longer there: end its event streams."""
         self._recordings.forget(id)
 
-    def list(self) -> list[dict[str, Any]]:
-        """What REST shows of each session, oldest first."""
+    def list(self, tags: Collection[str] = ()) -> list[dict[str, Any]]:
+        """What REST shows of each session that has all of `tags`, oldest first."""
         with self._lock:
             sessions = [*self._sessions.values()]
-        return [session.status() for session in sessions]
+        return [status for session in sessions if set(tags) <= {*(status := session.status())["tags"]}]
 
     def delete(self, id: str) -> None:
         """Stop and forget a session, with its recording. HttpProblem 404, and 409 for an uploaded recording."""
@@ -150,11 +153,10 @@ class Sessions:
 
     def demo(self, parsers: Parsers) -> Session | None:
         """Make, or find, the sample session, and run it; None where it cannot be made, as on a full disk."""
-        with self._lock:
-            found = next((session for session in self._sessions.values() if session.status()["name"] == NAME), None)
+        found = self._demo()
         if found is None:
             try:
-                found = self.sample("open", parsers)
+                found = self.sample(DEMO, parsers)
             except (HttpProblem, StorageError) as problem:
                 _log.warning("no sample session is opened: %s", problem)
                 return None
@@ -163,11 +165,19 @@ class Sessions:
             found.run(until="converged")
         return found
 
+    def _demo(self) -> Session | None:
+        """The sample session, whatever it is called by now; one that an older server made is known by its name."""
+        documents = [(id, document or {}) for id, document in self._store.sessions()]
+        known = [id for id, document in documents if document.get("sample") == DEMO or document.get("name") == NAME]
+        with self._lock:
+            return next((self._sessions[id] for id in known if id in self._sessions), None)
+
     def sample(self, scene: str, parsers: Parsers) -> Session:
         """A new session at iteration 0 that looks at a scene of `sample.SAMPLES`."""
         return self.create(sample_document(self._store, parsers, scene))
 
     def _create(self, document: Document, call: Call | None) -> Session:
+        document = named(document, self._store)
         with self._store.session_draft(document) as draft:
             problem, inputs = prepare(self._store, document)  # what it is made of cannot be deleted meanwhile
             id = draft["id"]

@@ -1,8 +1,10 @@
-"""Is what a recording from elsewhere says of an iteration a row of the trace? Who wrote it is not known."""
+"""What does a row of the trace come to, and is what a recording from elsewhere says of an iteration one? Who wrote that
+is not known."""
 
 from __future__ import annotations
 
 import json
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -11,6 +13,16 @@ from pmpnbp.json_text import read_json
 from pmpnbp.readout.snapshot import Row
 from pmpnbp.recording.trace_rows import event_of
 from pmpnbp.scene.articulated_object import ArticulatedObject
+
+
+def verdict(row: Row, changed: bool = False) -> dict[str, Any]:
+    """What REST says of the newest iteration; nothing is found any more where something was `changed` since."""
+    return {
+        "converged": row["converged"] and not changed,
+        "certain": row["certain"] and not changed,
+        "fit": None if changed else row["fit"],
+        "fit_reason": None if changed else row["fit_reason"],
+    }
 
 
 def row_of(text: str, model: ArticulatedObject) -> Row | None:

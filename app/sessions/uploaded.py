@@ -14,7 +14,7 @@ from typing import Any
 from app.problems import HttpProblem
 from app.sessions.events import Events
 from app.sessions.source import Source, no_view
-from app.sessions.trace_row import row_of
+from app.sessions.trace_row import row_of, verdict
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.inference.arrival import ScanMode, present
 from pmpnbp.json_text import without_nan
@@ -62,6 +62,7 @@ class UploadedRecording(Source):
             "id": self.id,
             "kind": self.kind,
             "name": PurePath(self._document.get("file_name", "")).stem,
+            "tags": [],
             "view_url": f"/sessions/{self.id}/",
             **self.progress(),
             "model_id": None,
@@ -84,10 +85,7 @@ class UploadedRecording(Source):
             "iteration": row["iteration"],
             "iterations": row["iteration"] or 0,
             "until": "iterations",
-            "converged": row["converged"],
-            "certain": row["certain"],
-            "fit": row["fit"],
-            "fit_reason": row["fit_reason"],
+            **verdict(row),
             "error": self.archive.damage,
             "position": None,
             "reading_out": False,

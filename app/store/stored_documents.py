@@ -36,6 +36,8 @@ class _Stored(BaseModel):
     seed: int = 0
     # of a session
     name: str | None = None
+    tags: list[str] | None = None
+    sample: str | None = None
     model_id: str = ""
     scan_ids: list[str] = []
     iterations: int | None = None

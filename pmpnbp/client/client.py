@@ -85,9 +85,9 @@ class Client:
         with understood("a list of scans"):
             return [Scan.from_dict(entry) for entry in answer.json()]
 
-    def sessions(self) -> list[RemoteSession]:
-        """All of the server's, oldest first."""
-        answer = self._calls.get("sessions")
+    def sessions(self, *tags: str) -> list[RemoteSession]:
+        """The server's that have all of these tags, or all, oldest first."""
+        answer = self._calls.get("sessions", tag=tags)
         with understood("a list of sessions"):
             return [RemoteSession(self._calls, entry) for entry in answer.json()]
 

@@ -94,6 +94,18 @@ class RemoteSession:
         """Other settings from the next iteration on; those not named stay. Gives what `status` does."""
         return self._told("PATCH", json={"config": settings})
 
+    def rename(self, name: str) -> dict[str, Any]:
+        """Call it by another name, of 1 to 200 characters, at once. Gives what `status` does."""
+        told = self._told("PATCH", json={"name": name})
+        with understood("a session"):
+            self.name = told["name"]
+        return cast(dict[str, Any], told)
+
+    def tag(self, *tags: str) -> dict[str, Any]:
+        """These are all the tags that it has from now on: words that it is found by, up to 20 of 1 to 40 characters,
+        none to remove them. Gives what `status` does."""
+        return self._told("PATCH", json={"tags": tags})
+
     def add_scan(
         self, scan: Scan | ScanSource, mode: Literal["joins", "replaces"] = "joins", *, camera: Members | None = None
     ) -> dict[str, Any]:

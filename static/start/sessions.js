@@ -2,9 +2,12 @@
 
 import { call } from "../session/api.js";
 import { byId, reconcile, setText } from "../session/dom.js";
-import { stateWord } from "../session/format.js";
-import { confirmed, trouble } from "./confirm.js";
-import { grouped } from "./format.js";
+import { fillCard, isEdited, keepingFocus } from "./card.js";
+import { trouble } from "./confirm.js";
+import { chosen, filters } from "./query.js";
+import * as selection from "./selection.js";
+import { onChange } from "./stored.js";
+import * as toolbar from "./toolbar.js";
 
 const EVERY = 1500; // milliseconds between two questions; the picture's own pace is what a session's iterations give
 const LATER = 5000; // after an answer that failed
@@ -12,8 +15,12 @@ const LATER = 5000; // after an answer that failed
 let timer;
 let questions = 0;
 let lost = false;
+let sessions = null; // as they were answered last
 
 export function follow() {
+  toolbar.install(show);
+  selection.install(ask);
+  onChange(show); // models, by whose names sessions are found
   document.addEventListener("visibilitychange", () => document.hidden || ask());
   ask();
 }
@@ -23,9 +30,10 @@ async function ask() {
   const question = ++questions;
   let pause = EVERY;
   try {
-    const sessions = await call("/api/v1/sessions");
+    const answer = await call("/api/v1/sessions");
     if (question !== questions) return; // asked once more meanwhile
-    show(sessions);
+    sessions = answer;
+    show();
     if (lost) trouble(byId("trouble"), "");
     lost = false;
   } catch (problem) {
@@ -37,72 +45,26 @@ async function ask() {
   if (!document.hidden) timer = setTimeout(ask, pause);
 }
 
-function show(sessions) {
-  const newest = [...sessions].sort((a, b) => (a.created < b.created ? 1 : -1));
-  reconcile(byId("sessions"), "card", newest, (session) => session.id, fill);
-  byId("empty").hidden = newest.length > 0;
-  const going = newest.filter((session) => session.state === "running").length;
-  setText(byId("summary"), newest.length ? `${newest.length} kept, ${going} iterating` : "");
+function show() {
+  if (sessions === null) return;
+  const fitting = chosen(sessions);
+  keepingFocus(() => reconcile(byId("sessions"), "card", withEdited(fitting), (session) => session.id, fill));
+  byId("empty").hidden = sessions.length > 0;
+  const going = sessions.filter((session) => session.state === "running").length;
+  const number = filters() ? `${fitting.length} of ${sessions.length} shown` : `${sessions.length} kept`;
+  setText(byId("summary"), sessions.length ? `${number}, ${going} iterating` : "");
+  toolbar.showToolbar(sessions, fitting);
+  selection.showSelection(sessions, fitting);
 }
 
-async function forget(id, name) {
-  const text = `“${name}” stops after its present iteration. Its recording is removed from the server for good.`;
-  if (!(await confirmed("Delete this session?", text))) return;
-  try {
-    await call(`/api/v1/sessions/${id}`, { method: "DELETE" });
-  } catch (problem) {
-    trouble(byId("trouble"), problem.message);
-  }
-  ask();
+// What somebody writes in stays, though it fits no more.
+function withEdited(fitting) {
+  const edited = [...byId("sessions").children].filter(isEdited).map((card) => card.dataset.key);
+  const left = sessions.filter((session) => edited.includes(session.id) && !fitting.includes(session));
+  return [...fitting, ...left];
 }
-
-function verdict({ fit, certain }) {
-  if (fit === "good") return certain ? "found, certain" : "found, not certain";
-  return { doubtful: "doubtful", none: "not found" }[fit] ?? "not at rest yet";
-}
-
-const title = (session) => session.name || session.id;
 
 function fill(card, session) {
-  const part = (name) => card.querySelector(`.${name}`);
-  card.dataset.state = session.state;
-  part("open").href = session.view_url;
-  setText(part("name"), title(session));
-  setText(part("word"), stateWord(session, "done"));
-  const done = session.state === "paused" && session.converged; // before all that were asked for
-  const total = (done ? session.iteration : session.iterations) ?? 0;
-  const iteration = session.iteration === null ? "none" : grouped(session.iteration);
-  setText(part("iteration"), total && !done ? `${iteration} of ${grouped(total)}` : iteration);
-  const share = total ? Math.min(1, (session.iteration ?? 0) / total) : 0;
-  part("track").firstElementChild.style.width = `${100 * share}%`;
-  part("certain").dataset.certain = Boolean(session.certain);
-  part("certain").dataset.fit = session.fit ?? "";
-  part("certain").title = session.fit_reason ?? "";
-  setText(part("certain"), verdict(session));
-  setText(part("method"), session.method === "particle_filter" ? "particle filter" : "belief propagation");
-  part("error").hidden = !session.error;
-  setText(part("error"), session.error ?? "");
-  part("delete").onclick = () => forget(session.id, title(session));
-  part("delete").setAttribute("aria-label", `Delete the session ${title(session)}`);
-  part("delete").title = "Delete the session";
-  picture(card, session);
-}
-
-// The next picture is loaded beside the one that is shown, one at a time, so that nothing flickers or piles up.
-function picture(card, session) {
-  const shown = `${session.id}@${session.iteration}`;
-  if (card.loading || card.dataset.picture === shown || session.iteration == null) return;
-  card.loading = true;
-  const next = new Image();
-  next.alt = `The estimate of ${session.name || "this session"}, drawn over its scan`;
-  next.onload = () => {
-    card.querySelector("img").replaceWith(next);
-    card.dataset.picture = shown;
-    card.loading = false;
-  };
-  next.onerror = () =>
-    setTimeout(() => {
-      card.loading = false;
-    }, LATER);
-  next.src = `/api/v1/sessions/${session.id}/estimate.png?width=640&iteration=${session.iteration}`;
+  fillCard(card, session, ask);
+  card.querySelector(".delete").onclick = () => selection.forget([session]);
 }

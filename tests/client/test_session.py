@@ -81,6 +81,18 @@ def test_settings_are_changed(fresh: RemoteSession) -> None:
     assert caught.value.status == 422
 
 
+def test_it_is_called_by_another_name_and_found_by_its_tags(client: Client, fresh: RemoteSession) -> None:
+    assert fresh.name == "cabinet in depth.png"
+    assert fresh.rename(" the kitchen's ")["name"] == fresh.name == "the kitchen's"
+    assert fresh.tag("kitchen", "to check")["tags"] == ["kitchen", "to check"]
+    assert [one.id for one in client.sessions("kitchen", "to check")] == [fresh.id]
+    assert client.sessions("kitchen", "elsewhere") == []
+    assert fresh.tag()["tags"] == client.sessions("kitchen") == []
+    with pytest.raises(ServerError, match="name in the body") as caught:
+        fresh.rename("")
+    assert caught.value.status == 422
+
+
 def test_scans_join_and_replace(client: Client, fresh: RemoteSession) -> None:
     folder = small.CABINET / "arm"
     (first,) = fresh.status()["scan_ids"]

@@ -223,6 +223,10 @@ class Progress(BaseModel):
         "an uploaded recording, which does not iterate"
     )
     iteration: int | None = Field(description="the newest one; 0 is the start; null where its recording is lost")
+    phase: Literal["searching", "settling", "at rest"] | None = Field(
+        description="of the newest iteration: searching: whole objects are tried all over the region; settling: one is "
+        "left, and its parts move into place; null where its recording is lost"
+    )
     iterations: int = Field(description="the iteration at which the present or last run ends")
     until: Until = Field(description="what ends the run before that")
     converged: bool = Field(

@@ -170,7 +170,14 @@ class IterationArchive:
     @property
     def row(self) -> Row:
         """The newest iteration's row; `iteration` is None where there is none."""
-        return self._row or {"iteration": None, "converged": False, "certain": False, "fit": None, "fit_reason": None}
+        return self._row or {
+            "iteration": None,
+            "stage": None,
+            "converged": False,
+            "certain": False,
+            "fit": None,
+            "fit_reason": None,
+        }
 
     @property
     def iteration(self) -> int:

@@ -76,11 +76,11 @@ function fill(columns) {
     setText(name, called);
     name.title = called;
     place.dataset.state = session.state;
-    setText(word, stateWord(session, "done"));
+    setText(word, stateWord(session));
     frame.title = `3D view of ${called}`;
   }
   const going = columns.filter(({ session }) => session.state === "running").length;
-  setText(byId("summary"), `${plural(columns.length, "session")}, ${going} iterating`);
+  setText(byId("summary"), `${plural(columns.length, "session")}, ${going} running`);
   showRows(byId("table"), columns);
 }
 

@@ -1,7 +1,7 @@
 // What is told of every session, a row each; where the sessions differ, that is marked.
 
 import { h, setContent } from "../session/dom.js";
-import { joint, jointEnds, largest, millimetres, percent } from "../session/format.js";
+import { fineCentimetres, joint, jointEnds, largest, percent } from "../session/format.js";
 import { VERDICTS, verdictOf } from "../start/query.js";
 
 const METHODS = { pmpnbp: "belief propagation", particle_filter: "particle filter" };
@@ -45,7 +45,7 @@ function jointTold(found) {
 function linkTold(found) {
   if (!found) return "–";
   const std = largest(found.std_xyz);
-  return std === null ? "not read out" : `${millimetres(std)}, ${found.certain ? "certain" : "not certain"}`;
+  return std === null ? "not read out" : `${fineCentimetres(std)}, ${found.certain ? "certain" : "not certain"}`;
 }
 
 const settingsTold = (config) =>

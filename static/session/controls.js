@@ -3,7 +3,7 @@
 import { call, Problem, sessionPath } from "./api.js";
 import { byId, setText } from "./dom.js";
 import { stateWord } from "./format.js";
-import { isRecording, iterates, newestIteration, phaseOf, state, subscribe, update } from "./state.js";
+import { isRecording, iterates, newestIteration, state, subscribe, update } from "./state.js";
 import * as timeline from "./timeline.js";
 
 export function install() {
@@ -66,7 +66,7 @@ function show() {
   byId("name").title = name;
   document.title = `${name}: pmpnbp`;
   byId("state").dataset.state = state.lost ? "lost" : here;
-  setText(byId("state-word"), state.lost ? "connection lost" : stateWord(session, phaseOf(state.rows.at(-1))));
+  setText(byId("state-word"), state.lost ? "connection lost" : stateWord(session));
 
   const at = newestIteration();
   const going = iterates();

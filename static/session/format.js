@@ -72,8 +72,8 @@ export function plural(count, one, many = `${one}s`) {
 
 const STATES = { waiting: "waiting for a free place", failed: "stopped by an error", recorded: "recording" };
 
-// What a session does; `phase` is its newest iteration's: searching, settling, or at rest.
-export function stateWord({ state, position, converged, reading_out: readingOut }, phase) {
+// What a session does.
+export function stateWord({ state, phase, position, converged, reading_out: readingOut }) {
   if (state === "waiting" && position) return `waiting, number ${position} in line`;
   if (readingOut) return "reading out the posterior…";
   if (state === "running") return phase === "at rest" ? "at rest, going on" : phase;

@@ -3,7 +3,7 @@
 
 import { call, iterationQuery, listen, Problem, sessionPath } from "./api.js";
 import { largest } from "./format.js";
-import { notify, rowAt, shownIteration, state, subscribe, update } from "./state.js";
+import { notify, phaseOf, rowAt, shownIteration, state, subscribe, update } from "./state.js";
 import { goToIteration } from "./view.js";
 
 const PACE = 200; // milliseconds between two estimates
@@ -128,7 +128,8 @@ function hearIteration(row) {
   }
   appendRows(row);
   const { iteration, converged, certain, fit, fit_reason } = row;
-  if (state.session) Object.assign(state.session, { iteration, converged, certain, fit, fit_reason });
+  const phase = phaseOf(row);
+  if (state.session) Object.assign(state.session, { iteration, phase, converged, certain, fit, fit_reason });
   if (state.lost) state.lost = false;
   notify("rows", "session", "lost", "view");
 }

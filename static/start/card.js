@@ -3,6 +3,7 @@
 import { call, sessionPath } from "../session/api.js";
 import { byId, copyOf, reconcile, setText } from "../session/dom.js";
 import { stateWord } from "../session/format.js";
+import { wasSeen } from "../session/seen.js";
 import { trouble } from "./confirm.js";
 import { grouped, when } from "./format.js";
 import { query, VERDICTS, verdictOf } from "./query.js";
@@ -34,9 +35,9 @@ export function fillCard(card, session, follow) {
   if (card.told === told) return;
   Object.assign(card, { told, session });
   card.dataset.state = session.state;
-  part("open").href = session.view_url;
+  part("open").href = wasSeen(session.id) ? session.view_url : `${session.view_url}?play`;
   setText(part("name"), title(session));
-  setText(part("word"), stateWord(session, "done"));
+  setText(part("word"), stateWord(session));
   const done = session.state === "paused" && session.converged; // before all that were asked for
   const total = (done ? session.iteration : session.iterations) ?? 0;
   const iteration = session.iteration === null ? "none" : grouped(session.iteration);

@@ -11,11 +11,11 @@ export const VERDICTS = {
   open: "not at rest yet",
 };
 export const STATES = {
-  running: "iterating",
+  running: "running",
   waiting: "waiting",
   failed: "stopped by an error",
   paused: "paused",
-  rest: "done",
+  rest: "at rest",
 };
 
 export function verdictOf({ fit, certain }) {

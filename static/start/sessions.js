@@ -52,7 +52,7 @@ function show() {
   byId("empty").hidden = sessions.length > 0;
   const going = sessions.filter((session) => session.state === "running").length;
   const number = filters() ? `${fitting.length} of ${sessions.length} shown` : `${sessions.length} kept`;
-  setText(byId("summary"), sessions.length ? `${number}, ${going} iterating` : "");
+  setText(byId("summary"), sessions.length ? `${number}, ${going} running` : "");
   toolbar.showToolbar(sessions, fitting);
   selection.showSelection(sessions, fitting);
 }

@@ -46,7 +46,7 @@ def test_the_list_is_put_in_order_and_filtered_and_its_address_says_how(
     shows(page, "hall", "Kitchen 9", "kitchen 10", "lab")  # as people count, not as letters come
     page.get_by_role("group", name="Tags").get_by_role("button", name="hard 2").click()
     shows(page, "Kitchen 9", "kitchen 10")
-    expect(page.locator("#summary")).to_have_text("2 of 4 shown, 0 iterating")
+    expect(page.locator("#summary")).to_have_text("2 of 4 shown, 0 running")
     page.get_by_label("Name, model or tag").fill("TO check")
     shows(page, "Kitchen 9")
     address = page.url
@@ -109,7 +109,7 @@ def test_name_and_tags_are_changed_where_they_stand(
     form = page.locator("form.edit")
     form.get_by_label("Tags").fill("half a w")
     served.client.patch(runs["hall"], json={"tags": []}).raise_for_status()
-    expect(page.locator("#summary")).to_have_text("0 of 4 shown, 0 iterating")
+    expect(page.locator("#summary")).to_have_text("0 of 4 shown, 0 running")
     expect(form.get_by_label("Tags")).to_have_value("half a w")
     expect(form.get_by_label("Tags")).to_be_focused()
 

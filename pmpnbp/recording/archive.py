@@ -30,7 +30,7 @@ from pmpnbp.recording.reader import Recording
 from pmpnbp.recording.readers import Readers
 from pmpnbp.recording.reopening import back_up, last_shown, make_whole, replace_recording
 from pmpnbp.recording.report_check import check_fits
-from pmpnbp.recording.trace_rows import ForeignRows, OwnRows, Rows, event_of
+from pmpnbp.recording.trace_rows import NO_ROW, ForeignRows, OwnRows, Rows, event_of
 from pmpnbp.recording.writer import RecordingWriter
 from pmpnbp.scene.articulated_object import ArticulatedObject
 
@@ -170,14 +170,7 @@ class IterationArchive:
     @property
     def row(self) -> Row:
         """The newest iteration's row; `iteration` is None where there is none."""
-        return self._row or {
-            "iteration": None,
-            "stage": None,
-            "converged": False,
-            "certain": False,
-            "fit": None,
-            "fit_reason": None,
-        }
+        return self._row or NO_ROW
 
     @property
     def iteration(self) -> int:

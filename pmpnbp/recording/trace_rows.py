@@ -18,6 +18,9 @@ from pmpnbp.recording.reader import Recording
 # A member that rows have since they tell of posteriors, and the one that came last.
 _SINCE_POSTERIORS, _NEWEST = "particle_std_xyz", "final_log_likelihood"
 
+# What is told of the newest iteration where there is none.
+NO_ROW: Row = {"iteration": None, "stage": None, "converged": False, "certain": False, "fit": None, "fit_reason": None}
+
 
 def current(row: Row) -> Row:
     """A row as it is written now. Before there were posteriors `std_xyz` was the particles'; which links were certain

@@ -19,8 +19,8 @@ const SPLITTERS = [
   {
     id: "split-strip",
     property: "--plot",
-    ends: () => [48, Math.max(48, innerHeight * 0.5)],
-    measure: () => byId("plots").querySelector("canvas")?.clientHeight ?? 0,
+    ends: () => [70, Math.max(70, innerHeight * 0.5)],
+    measure: () => byId("plots").querySelector(".plot:not([hidden])")?.clientHeight ?? 0,
     at: ({ clientY }, grip) => grip.measure() + byId("split-strip").getBoundingClientRect().top - clientY,
     keys: { ArrowUp: STEP, ArrowDown: -STEP },
   },

@@ -44,7 +44,7 @@ def test_what_is_known_and_what_the_algorithm_does_are_apart(page: Page, served:
     given = page.get_by_role("region", name="Given the scan")
     draws = round(estimate["effective_draws"])
     expect(given).to_contain_text(f"{draws} effective draws, iteration {estimate['posterior_iteration']}")
-    expect(given.get_by_role("table", name="Links")).to_be_visible()
+    expect(given.get_by_role("table", name="Parts")).to_be_visible()
     expect(given).not_to_contain_text("particles")
     particles = page.locator("#algorithm")
     table = particles.get_by_role("table", name="Particles of the parts")
@@ -80,7 +80,7 @@ def test_where_to_look_next_is_told_and_looked_from(page: Page, served: Served, 
         link, std = max(((name, max(stds)) for name, stds in one["expected_std_xyz"].items()), key=lambda pair: pair[1])
         expect(rows.nth(place)).to_contain_text(f"{place + 1}")
         expect(rows.nth(place)).to_contain_text(f"{one['expected_gain_nats']:.1f}")
-        expect(rows.nth(place)).to_contain_text(re.compile(rf"then \w+ ±{written(1000 * std)}\s"))
+        expect(rows.nth(place)).to_contain_text(re.compile(rf"then \w+ ±{written(std)}$"))
         assert link in told["blocking"]
     expect(rows.first).to_have_attribute("aria-pressed", "true")
     rows.nth(1).hover()

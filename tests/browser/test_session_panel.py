@@ -200,7 +200,7 @@ def test_compare_with_another_session(page: Page, served: Served, session: str) 
         mine["links"]["frame"]["pose"]["position"][axis] - its["links"]["frame"]["pose"]["position"][axis]
         for axis in "xyz"
     ]
-    distance = float(np.linalg.norm(apart)) * 1000
+    distance = float(np.linalg.norm(apart))
     row = panel.locator("#compare-links tr").first
     expect(row.locator("td").first).to_have_text(re.compile(re.escape(written(distance))))
     wait(page, lambda: (view(page, served)["compare"] or {}).get("session_id") == other.rsplit("/", 1)[1])
@@ -209,3 +209,39 @@ def test_compare_with_another_session(page: Page, served: Served, session: str) 
     expect(panel.locator("#compare-what")).to_have_text("Iteration 2 here, iteration 2 there")
     panel.get_by_role("button", name="Stop comparing").click()
     wait(page, lambda: view(page, served)["compare"] is None)
+
+
+def test_panel_and_plots_take_the_room_they_are_given(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+
+    def room() -> tuple[float, float]:
+        side, plot = page.locator("#details").bounding_box(), page.locator("#plots canvas").first.bounding_box()
+        assert side is not None
+        assert plot is not None
+        return side["width"], plot["height"]
+
+    (wide, high), edge = room(), page.get_by_role("separator", name="Width of the details")
+    box = edge.bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + 200
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x - 60, y, steps=4)  # over the 3D view, which must not swallow it
+    page.mouse.up()
+    assert room()[0] == pytest.approx(wide + 60, abs=5)
+    page.get_by_role("separator", name="Height of the plots").press("ArrowUp")
+    assert room()[1] == pytest.approx(high + 24, abs=1)
+    page.reload()
+    page.locator("body[data-ready]").wait_for()
+    assert room() == pytest.approx((wide + 60, high + 24), abs=5)
+    edge.dblclick()
+    assert room()[0] == pytest.approx(wide, abs=1)
+
+
+def test_words_are_explained_where_they_stand_and_in_the_help(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    told = page.locator("#part-rows").locator("xpath=..").get_by_role("columnheader", name="visible")
+    explained = told.get_attribute("title")
+    assert explained
+    page.keyboard.press("?")
+    expect(page.get_by_role("dialog", name="Keyboard")).to_contain_text(explained)

@@ -332,20 +332,20 @@ def test_the_hypotheses_of_a_part(page: Page, served: Served, certain: str) -> N
     expect(page.locator("#modes li")).to_have_count(len(link["modes"]))
     expect(page.locator("#particle-modes li")).to_have_count(len(link["particle_modes"]))
     facts = page.locator("#part-facts")
-    expect(facts).to_contain_text(f"± {written(1000 * max(link['std_xyz']))}".replace(" ", "\u202f"))
-    expect(facts).to_contain_text(f"off by {written(1000 * link['expected_add'])}\u202fmm (ADD)")
+    expect(facts).to_contain_text(f"±\u202f{written(max(link['std_xyz']))}")
+    expect(facts).to_contain_text(f"off by {written(link['expected_add'])} (ADD)")
     expect(page.locator("#part-doubt")).to_have_text("Certain.")
     particles = page.locator("#particle-facts")
-    expect(particles).to_contain_text(f"particles ±\u202f{written(1000 * max(link['particle_std_xyz']))}")
+    expect(particles).to_contain_text(f"particles ±\u202f{written(max(link['particle_std_xyz']))}")
 
 
 def test_comparing_with_what_is_not_at_rest(page: Page, served: Served, certain: str) -> None:
     id = certain.rsplit("/", 1)[1]
     opened(page, served, certain, f"?compare={id},2")
     panel = tab(page, "Compare")
-    std = 1000 * max(served.client.get(f"{certain}/estimate").json()["links"]["frame"]["std_xyz"])
+    std = max(served.client.get(f"{certain}/estimate").json()["links"]["frame"]["std_xyz"])
     cells = panel.locator("#compare-links tr").first.locator("td")
-    expect(cells.nth(2)).to_have_text(written(std))
+    expect(cells.nth(2)).to_have_text(written(std).removesuffix("\u202fcm"))
     expect(cells.nth(3)).to_have_text("–")
     expect(panel.locator("#compare-fit")).to_have_text("Fit: found here, not at rest there")
 

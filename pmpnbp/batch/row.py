@@ -1,12 +1,11 @@
 """What is one estimate of a batch made of? A row with its files, region, prior and options, checked member by member.
 
-Files are named relative to the manifest's folder. Whether they are there is asked here; what is in them is told when the
-row's turn comes.
+Files are named relative to the manifest's folder. Whether they are there is asked here; what is in them is told when
+the row's turn comes.
 """
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field

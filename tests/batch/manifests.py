@@ -1,8 +1,9 @@
-"""Manifests for tests: files that are there, and rows that name them."""
+"""Manifests for tests: files that are there, and rows that name them. And what other processes do there."""
 
 from __future__ import annotations
 
 import csv
+import fcntl
 import io
 import json
 from collections.abc import Mapping, Sequence
@@ -29,3 +30,19 @@ def csv_file(path: Path, *rows: Sequence[str]) -> Path:
     csv.writer(stream).writerows(rows)
     path.write_text(stream.getvalue(), encoding="utf-8", newline="")
     return path
+
+
+def hold(path: Path, connection: Any) -> None:
+    """Lock a file, as a batch does, until something comes."""
+    with path.open("w") as file:
+        fcntl.lockf(file, fcntl.LOCK_EX)
+        connection.send("held")
+        connection.recv()
+
+
+def told_at_once(work: Any) -> Any:
+    """An outcome that takes no time to make, of the work's seed."""
+    from pmpnbp.batch.work import Outcome
+    from tests.library.test_estimate import RESULT
+
+    return Outcome(result={**RESULT, "seed": work.options["seed"]})

@@ -196,9 +196,10 @@ def test_a_folder_of_scenes(tmp_path: Path) -> None:
 def test_folders_of_which_none_can_be_made_are_told(tmp_path: Path) -> None:
     folder = files(tmp_path / "s", "a/camera.json", "b/depth.png", "b/scan.pcd", "c/cloud.pcd", "d/depth.png")
     assert refused(folder).splitlines() == [
-        "scene 'a' of folder 's': it has a camera.json and no scan; expected one of .png, .npy, .npz, .pcd, .ply, .xyz, "
-        ".txt",
-        "scene 'b' of folder 's': it holds 2 scans, 'depth.png', 'scan.pcd'; expected one, or a manifest that names them",
+        "scene 'a' of folder 's': it has a camera.json and no scan; "
+        "expected one of .png, .npy, .npz, .pcd, .ply, .xyz, .txt",
+        "scene 'b' of folder 's': it holds 2 scans, 'depth.png', 'scan.pcd'; "
+        "expected one, or a manifest that names them",
         "scene 'c' of folder 's': no 'model' is given; expected a URDF, or a zip that holds one",
         "scene 'd' of folder 's': no 'model' is given; expected a URDF, or a zip that holds one",
     ]

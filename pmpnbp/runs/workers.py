@@ -7,6 +7,7 @@ where the run is made, and so does what came of it.
 from __future__ import annotations
 
 import importlib
+import logging
 import re
 import sys
 import warnings
@@ -100,6 +101,8 @@ def _on_dask(
     perform: Callable[[Asked], Result], asked: Iterable[Asked], address: str, killed: Callable[[Asked], Result] | None
 ) -> Iterator[tuple[Asked, Result]]:
     distributed = _dask(address)
+    # what it logs are tracebacks of what is told in a sentence here
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
         client = distributed.Client(address, timeout=PATIENCE)
     except (OSError, ValueError) as error:

@@ -93,7 +93,7 @@ def _card(row: Told) -> str:
 def _joints(row: Told) -> str:
     if not row.standings:
         return ""
-    lines = [f"<dt>{escape(name)}</dt><dd>{escape(place)}</dd>" for name, place in row.standings]
+    lines = [f"<dt>{escape(name.removeprefix('joint '))}</dt><dd>{escape(place)}</dd>" for name, place in row.standings]
     seen, more = lines[:SEEN], lines[SEEN:]
     folded = f"<details><summary>{len(more)} more</summary><dl>{''.join(more)}</dl></details>\n" if more else ""
     return f"<dl>{''.join(seen)}</dl>\n{folded}"

@@ -46,9 +46,9 @@ a { color: var(--accent); text-underline-offset: 0.18em; }
 .error h2, .not-found h2, .error b, .not-found b { color: var(--bad); }
 .no-verdict h2, .doubtful h2, .no-verdict b, .doubtful b { color: var(--fair); }
 .found h2, .certain h2, .found b, .certain b { color: var(--good); }
-dl { display: grid; grid-template-columns: auto 1fr; gap: 0.1rem 0.8rem; margin: 0.6rem 0; }
+dl { display: grid; grid-template-columns: minmax(0, 1fr) fit-content(72%); gap: 0.1rem 0.8rem; margin: 0.6rem 0; }
 dt { color: var(--quiet); overflow-wrap: anywhere; }
-dd { margin: 0; overflow-wrap: anywhere; }
+dd { margin: 0; text-align: right; overflow-wrap: anywhere; }
 summary { cursor: pointer; color: var(--accent); }
 @media print { .rows > li { break-inside: avoid; } }
 """

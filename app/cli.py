@@ -8,21 +8,18 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import math
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import NoReturn
 
 from app import compiled_kernels
 from app.help_examples import example
-from app.server_config import ServerConfig, convert, environment_name
+from app.option_values import OPTIONS, assignment, option, server_value, whole, within
+from app.server_config import ServerConfig, environment_name
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.settings import SessionOptions
-
-Value = TypeVar("Value")
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
 EXPERIMENTS = ("convergence", "occlusion", "robot", "planning", "push")
@@ -101,6 +98,7 @@ def _parser() -> argparse.ArgumentParser:
     benchmark.add_argument("--out", type=Path, metavar="FILE", help="where the figures go, as JSON")
     _add_reproduce(commands)
     _add_calibrate(commands)
+    _add_batch(commands)
     completion = commands.add_parser("completion", help="print a script that completes commands and options in a shell")
     completion.add_argument("shell", choices=SHELLS, metavar="SHELL", help=", ".join(SHELLS))
     completion.set_defaults(parser=parser)
@@ -144,7 +142,7 @@ def _add_estimate(commands: argparse._SubParsersAction[_Parser]) -> None:
     _add_session_options(command, [entry.name for entry in fields(SessionOptions)])
     add(
         "--config",
-        type=_assignment,
+        type=assignment,
         metavar="NAME=VALUE",
         action="append",
         default=[],
@@ -171,10 +169,10 @@ def _add_serve(commands: argparse._SubParsersAction[_Parser]) -> None:
         default = "" if about["default"] is None or entry.name == "demo" else f"; default: {about['default']}"
         text = f"{unit}{about['help']}{default} [{environment_name(entry.name)}]"
         if entry.name == "demo":
-            command.add_argument(_option(entry.name), action=argparse.BooleanOptionalAction, help=text)
+            command.add_argument(option(entry.name), action=argparse.BooleanOptionalAction, help=text)
         else:
             metavar = {"data_dir": "DIR", "host": "ADDRESS", "token": "TOKEN"}.get(entry.name, "N")
-            command.add_argument(_option(entry.name), type=_server_value(entry.name), metavar=metavar, help=text)
+            command.add_argument(option(entry.name), type=server_value(entry.name), metavar=metavar, help=text)
 
 
 def _add_view(commands: argparse._SubParsersAction[_Parser]) -> None:
@@ -186,7 +184,7 @@ def _add_view(commands: argparse._SubParsersAction[_Parser]) -> None:
     )
     command.add_argument("recording", type=Path, metavar="RECORDING", help="what `estimate --recording` writes")
     command.add_argument(
-        "--port", type=_whole(0, 65535), default=0, metavar="N", help="port to listen on; default: a free one"
+        "--port", type=whole(0, 65535), default=0, metavar="N", help="port to listen on; default: a free one"
     )
     command.add_argument(
         "--no-browser", dest="browser", action="store_false", help="print the link only, open no browser"
@@ -202,11 +200,11 @@ def _add_reproduce(commands: argparse._SubParsersAction[_Parser]) -> None:
     )
     add = command.add_argument
     add("experiment", choices=EXPERIMENTS, metavar="EXPERIMENT", help=", ".join(EXPERIMENTS))
-    add("--runs", type=_whole(1, 1000), default=10, metavar="N", help="of each case; default: %(default)s")
+    add("--runs", type=whole(1, 1000), default=10, metavar="N", help="of each case; default: %(default)s")
     add("--out", type=Path, metavar="DIR", help="where everything goes; default: out/EXPERIMENT")
-    add("--seed", type=_whole(0, 2**31), default=0, metavar="N", help="the first run's; default: %(default)s")
-    add("--iterations", type=_within("iterations"), metavar="N", help="default: the experiment's own")
-    add("--particles", type=_within("particles"), metavar="N", help="of each part; default: the experiment's own")
+    add("--seed", type=whole(0, 2**31), default=0, metavar="N", help="the first run's; default: %(default)s")
+    add("--iterations", type=within("iterations"), metavar="N", help="default: the experiment's own")
+    add("--particles", type=within("particles"), metavar="N", help="of each part; default: the experiment's own")
     add("--all", action="store_true", help="convergence: every sample scene, not only two cabinets")
     add("--urdf", type=Path, metavar="FILE", help="robot: another robot, in a scan that is rendered of it")
     _add_spreading(command)
@@ -225,27 +223,51 @@ def _add_calibrate(commands: argparse._SubParsersAction[_Parser]) -> None:
     add = command.add_argument
     add("model", type=Path, metavar="MODEL", help="a URDF, or a zip holding one with its meshes")
     add("--camera", type=Path, metavar="FILE", help="camera.json; default: one that has the region in its picture")
-    read, metavar = _OPTIONS["roi"]
+    read, metavar = OPTIONS["roi"]
     add("--roi", type=read, metavar=metavar, help="m, world: where the object is; default: a box that it has room in")
     add("--prior", type=Path, metavar="FILE", help="prior.json; default: upright, anywhere in the region, any yaw")
-    add("--runs", type=_whole(1, 100_000), default=200, metavar="N", help="scenes; default: %(default)s")
-    add("--seed", type=_whole(0, 2**31), default=0, metavar="N", help="the first scene's; default: %(default)s")
+    add("--runs", type=whole(1, 100_000), default=200, metavar="N", help="scenes; default: %(default)s")
+    add("--seed", type=whole(0, 2**31), default=0, metavar="N", help="the first scene's; default: %(default)s")
     _add_session_options(command, ("particles", "iterations", "max_std"))
     add("--out", type=Path, metavar="DIR", help="where everything goes; default: out/calibrate_MODEL")
     _add_spreading(command)
 
 
+def _add_batch(commands: argparse._SubParsersAction[_Parser]) -> None:
+    command = commands.add_parser(
+        "batch",
+        help="many estimates: a list of scans, or a folder of scene folders",
+        description="Make every estimate that MANIFEST asks for: a CSV file with a header, or JSON lines, with model, "
+        "scan or scans, camera, roi, prior, seed and other options as columns; or a folder whose folders hold a scan "
+        "each. Results (JSON), pictures, a table (CSV) and a report (HTML) go to --out. Rows are kept as they are "
+        "made: after an interruption the same command goes on, and makes those anew whose files or options have "
+        "changed.",
+    )
+    add = command.add_argument
+    add("manifest", type=Path, metavar="MANIFEST", help="a CSV or JSON lines file, or a folder of scene folders")
+    add("--out", type=Path, metavar="DIR", help="where everything goes; default: out/batch_MANIFEST")
+    _add_spreading(command)
+    for_all = command.add_argument_group("for every row that does not say it itself")
+    for_all.add_argument("--model", type=Path, metavar="MODEL", help="a URDF, or a zip holding one with its meshes")
+    for_all.add_argument("--camera", type=Path, metavar="FILE", help="camera.json")
+    _add_session_options(for_all, [entry.name for entry in fields(SessionOptions)])
+    for_all.add_argument(
+        "--config", type=assignment, metavar="NAME=VALUE", action="append", default=[], help="a setting"
+    )
+    add("--quiet", action="store_true", help="no progress on standard error")
+
+
 def _add_spreading(command: _Parser) -> None:
     """Options that say where runs are made."""
     command.add_argument(
-        "--processes", type=_whole(1, 256), default=1, metavar="N", help="runs at a time; default: %(default)s"
+        "--processes", type=whole(1, 256), default=1, metavar="N", help="runs at a time; default: %(default)s"
     )
     command.add_argument(
         "--on", metavar="ADDRESS", help="a Dask scheduler whose workers make the runs, as tcp://host:8786"
     )
 
 
-def _add_session_options(command: _Parser, names: Sequence[str]) -> None:
+def _add_session_options(command: argparse._ActionsContainer, names: Sequence[str]) -> None:
     """Those of SessionOptions, with their defaults and help."""
     for entry in fields(SessionOptions):
         if entry.name not in names:
@@ -253,76 +275,10 @@ def _add_session_options(command: _Parser, names: Sequence[str]) -> None:
         about, default = entry.metadata, entry.default
         text = about["help"] + ("" if default is None else f"; default: {default} {about['unit']}".rstrip())
         if about["choices"]:
-            command.add_argument(_option(entry.name), choices=about["choices"], default=default, help=text)
+            command.add_argument(option(entry.name), choices=about["choices"], default=default, help=text)
         else:
-            read, metavar = _OPTIONS[entry.name]
-            command.add_argument(_option(entry.name), type=read, default=default, metavar=metavar, help=text)
-
-
-def _option(name: str) -> str:
-    """`max_std` as --max-std."""
-    return f"--{name.replace('_', '-')}"
-
-
-def _checked(read: Callable[[str], Value], holds: Callable[[Value], bool], expected: str) -> Callable[[str], Value]:
-    """Reads an option whose text is `expected`, where `holds` is true of what `read` makes of it."""
-
-    def parse(text: str) -> Value:
-        with suppress(ValueError):
-            value = read(text)
-            if holds(value):
-                return value
-        raise argparse.ArgumentTypeError(f"{text!r} is not {expected}")
-
-    return parse
-
-
-def _whole(low: int, high: int) -> Callable[[str], int]:
-    return _checked(int, lambda number: low <= number <= high, f"a whole number from {low} to {high}")
-
-
-def _within(name: str, low: int | None = None) -> Callable[[str], int]:
-    """Reads the whole number that an option is, from `low` on where that is another limit than its own."""
-    about = next(entry.metadata for entry in fields(SessionOptions) if entry.name == name)
-    return _whole(about["low"] if low is None else low, about["high"])
-
-
-def _server_value(name: str) -> Callable[[str], Any]:
-    def parse(text: str) -> Any:
-        try:
-            return convert(name, text, "it")
-        except PmpnbpError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
-
-    return parse
-
-
-def _assignment(text: str) -> tuple[str, str]:
-    name, separator, value = text.partition("=")
-    if not separator or not name.strip():
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE")
-    return name.strip(), value.strip()
-
-
-# How an option's value is read, and what stands for it in the help, where it is not one of a few words.
-_OPTIONS: dict[str, tuple[Callable[[str], Any], str]] = {
-    "particles": (_within("particles"), "N"),
-    "iterations": (_within("iterations", low=0), "N"),  # none at all give the start
-    "seed": (_within("seed"), "N"),
-    "roi": (
-        _checked(
-            lambda text: [float(number) for number in text.split(",")],
-            lambda numbers: len(numbers) == 6 and all(map(math.isfinite, numbers)),
-            "six finite numbers with commas between, X0,Y0,Z0,X1,Y1,Z1",
-        ),
-        "X0,Y0,Z0,X1,Y1,Z1",
-    ),
-    "prior": (Path, "FILE"),
-    "max_std": (
-        _checked(float, lambda metres: 0 < metres < math.inf, "a finite number of metres above zero"),
-        "METRES",
-    ),
-}
+            read, metavar = OPTIONS[entry.name]
+            command.add_argument(option(entry.name), type=read, default=default, metavar=metavar, help=text)
 
 
 if __name__ == "__main__":

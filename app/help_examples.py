@@ -38,6 +38,11 @@ example, figures, tables and report in out/occlusion, two runs at a time:
 example, the report's first sentence answers:
   pmpnbp calibrate {cabinet}/cabinet.urdf --runs 200 --processes 2 --out calibrated
 """,
+    "batch": """\
+example, a folder of scenes, and a list of scans that two processes look through:
+  pmpnbp batch {cabinet} --out found
+  pmpnbp batch scans.csv --processes 2
+""",
     "completion": """\
 example, from the next shell on, for bash, zsh and fish:
   pmpnbp completion bash > ~/.local/share/bash-completion/completions/pmpnbp

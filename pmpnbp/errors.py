@@ -31,6 +31,14 @@ class EstimateError(PmpnbpError):
     """An estimate does not hold what is asked of it."""
 
 
+class RunError(PmpnbpError):
+    """Runs of an experiment or a batch cannot be made, or gone on with."""
+
+
+class ManifestError(PmpnbpError):
+    """A manifest names estimates that cannot be made."""
+
+
 class ServerError(PmpnbpError):
     """A server refused a call, or did not answer. `status` is that of HTTP, None where nothing came."""
 

@@ -24,6 +24,7 @@ FLOORS = (
     "pmpnbp.version",
     "pmpnbp.json_text",
     "pmpnbp.names",
+    "pmpnbp.runs",
     "pmpnbp.settings",
     "pmpnbp.geometry",
     "pmpnbp.scene",
@@ -33,6 +34,7 @@ FLOORS = (
     "pmpnbp.pictures",
     "pmpnbp.recording",
     "pmpnbp.library",
+    "pmpnbp.batch",
     "pmpnbp.client",
     "app",  # its single files: what all folders of the server stand on
     "app.store",

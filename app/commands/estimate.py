@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
-import re
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -15,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.commands.progress import Progress, announce, reading_out
 from pmpnbp.errors import PmpnbpError, RecordingError, ScanError, SettingError
+from pmpnbp.json_text import json_to_read
 from pmpnbp.settings import changed, preset
 
 if TYPE_CHECKING:
@@ -54,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
         max_std=arguments.max_std,
         truth=arguments.truth,
         recording=arguments.recording,
-        **_changes(arguments.config),
+        **settings_of(arguments.config),
     ) as session:
         interrupted = _iterate(session, arguments)
         found = None
@@ -90,7 +89,7 @@ def _iterate(session: Session, arguments: argparse.Namespace) -> bool:
     return False
 
 
-def _changes(assignments: Sequence[tuple[str, str]]) -> dict[str, str]:
+def settings_of(assignments: Sequence[tuple[str, str]]) -> dict[str, str]:
     """Settings by name. Raises SettingError for what is none, and for one that is given twice."""
     changes: dict[str, str] = {}
     for name, value in assignments:
@@ -149,7 +148,7 @@ def _check_output(path: Path, option: str, kind: type[PmpnbpError]) -> None:
 
 def _write(result: dict[str, Any], out: Path | None) -> None:
     """The result as one file that appears whole, or on standard output."""
-    text = _text(result)
+    text = json_to_read(result)
     if out is None:
         sys.stdout.write(text)
         sys.stdout.flush()
@@ -176,9 +175,3 @@ def _write_whole(path: Path, option: str, write: Callable[[Path], object]) -> No
     except OSError as error:
         partial.unlink(missing_ok=True)
         raise OutputError(f"{option} '{path}' cannot be written: {error.strerror}") from None
-
-
-def _text(result: dict[str, Any]) -> str:
-    """JSON with a member a line, and a list of numbers in one: a covariance would be 36 lines."""
-    text = json.dumps(result, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    return re.sub(r"\[\n[-+\d.e,\s]+\]", lambda found: re.sub(r"\n\s*", "", found[0]).replace(",", ", "), text)

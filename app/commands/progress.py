@@ -58,6 +58,11 @@ def reading_out(quiet: bool) -> Checkpoint:
     return checkpoint
 
 
+def rows_bar(rows: int, quiet: bool) -> tqdm:
+    """A bar of the rows of a batch on standard error, silent where `quiet`."""
+    return tqdm(total=rows, disable=quiet, file=sys.stderr, unit="row", dynamic_ncols=True, smoothing=0.05)
+
+
 class Progress:
     """A bar of iterations on standard error, silent where `quiet`."""
 

@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.calibrate import report, runs, scenes
 from benchmarks.calibrate.task import Task, task_of
 from benchmarks.reproduce.experiment import Experiment, Options, make
-from benchmarks.reproduce.run_log import NAME, Asked
+from pmpnbp.runs.run_log import NAME, Asked
 from pmpnbp.settings import preset
 
 # Of so many runs one has no object to find.

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.calibrate import ranks as statistic
-from benchmarks.reproduce.run_log import Asked, Result
 from benchmarks.statistics import wilson
 from benchmarks.trials import VISIBLE
 from pmpnbp.geometry.poses import Array
+from pmpnbp.runs.run_log import Asked, Result
 from pmpnbp.scene.articulated_object import ArticulatedObject, parts_of_links
 
 # What may be wrong of a link that is said to be certain: metres, and radians where it is longer than LONG, metres.

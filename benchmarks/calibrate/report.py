@@ -17,10 +17,10 @@ from benchmarks.calibrate.task import Task
 from benchmarks.reproduce import figures, reports
 from benchmarks.reproduce.experiment import Options
 from benchmarks.reproduce.reports import Table
-from benchmarks.reproduce.run_log import Asked, RunLog
 from benchmarks.statistics import wilson
 from benchmarks.tables import markdown
 from pmpnbp.geometry.poses import Array
+from pmpnbp.runs.run_log import Asked, RunLog
 from pmpnbp.scene.prior import UniformPrior
 
 VERDICTS = ("good", "doubtful", "none", REFUSED)

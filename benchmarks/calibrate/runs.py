@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from benchmarks.calibrate import scenes
 from benchmarks.calibrate.ranks import ranks
 from benchmarks.calibrate.task import Task
-from benchmarks.reproduce.run_log import Asked, Result
 from pmpnbp.errors import ScanError
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
@@ -26,6 +25,7 @@ from pmpnbp.readout.placement import Placement, place
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.readout.surface_distance import distances, part_surfaces
 from pmpnbp.recording.inputs import Inputs
+from pmpnbp.runs.run_log import Asked, Result
 
 # The verdict where the scan is refused, as nothing in the region may be an object.
 REFUSED = "refused"

@@ -15,7 +15,7 @@ import trimesh
 
 from benchmarks.calibrate.task import Task, unseen, vertices
 from benchmarks.reproduce import robot_scan
-from benchmarks.reproduce.run_log import ReproduceError
+from pmpnbp.errors import RunError
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.initialisation import prior_roots, random_joints, upright
@@ -48,7 +48,7 @@ class Scene:
 
 
 def draw(task: Task, seed: int, *, absent: bool = False) -> Scene:
-    """The scene of a seed: the same for the same task. Raises ReproduceError where the object cannot be placed."""
+    """The scene of a seed: the same for the same task. Raises RunError where the object cannot be placed."""
     rng = np.random.default_rng([61, seed])
     model = task.model
     problem = unseen(model, task.prior, task.settings, task.up)
@@ -65,7 +65,7 @@ def draw(task: Task, seed: int, *, absent: bool = False) -> Scene:
         if absent or sum(visible[name] * alone[name] for name in visible) >= FEWEST:
             scan = Scan(task.camera, (depth / 1000.0).astype(np.float32))
             return Scene(scan, root, joints, np.array([visible.get(part.name, 0.0) for part in model.parts]))
-    raise ReproduceError(
+    raise RunError(
         f"the camera measures fewer than {FEWEST} pixels of '{model.name}' in {RENDERED} scenes; name another "
         f"camera or region"
     )
@@ -97,11 +97,11 @@ def _placement(rng: np.random.Generator, task: Task, problem: Problem) -> tuple[
                 return roots[row], joints[row]
     tried = BATCH * BATCHES
     if inside:
-        raise ReproduceError(
+        raise RunError(
             f"of {inside} placements of '{model.name}' in the region {task.region.round(3).tolist()} none has half of "
             f"it in the camera's picture; name another camera or region"
         )
-    raise ReproduceError(
+    raise RunError(
         f"'{model.name}' is not whole within the region {task.region.round(3).tolist()} in any of {tried} placements "
         f"from the prior; name a larger region"
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from benchmarks.reproduce import convergence, occlusion, planning, push, robot
 from benchmarks.reproduce.experiment import Experiment, Options, make
-from benchmarks.reproduce.run_log import NAME
+from pmpnbp.runs.run_log import NAME
 
 EXPERIMENTS: dict[str, Experiment] = {
     "convergence": convergence.EXPERIMENT,
@@ -20,7 +20,7 @@ EXPERIMENTS: dict[str, Experiment] = {
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Make the experiment; say where its report is. Raises ReproduceError."""
+    """Make the experiment; say where its report is. Raises RunError."""
     out = arguments.out or Path("out") / arguments.experiment
     options = Options(
         out,

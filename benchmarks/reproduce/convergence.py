@@ -30,11 +30,11 @@ from benchmarks.reproduce.convergence_runs import (
 from benchmarks.reproduce.experiment import Experiment, Options
 from benchmarks.reproduce.outcomes import FOUND, UNDER, rates
 from benchmarks.reproduce.reports import Claim, Table
-from benchmarks.reproduce.run_log import Result, RunLog
 from benchmarks.reproduce.scene_runs import VARIANTS, case_of, perform, scene_scan
 from benchmarks.statistics import difference_interval, mean_interval
 from benchmarks.tables import markdown, rate
 from pmpnbp.geometry.poses import Array
+from pmpnbp.runs.run_log import Result, RunLog
 
 
 def write(options: Options, run_log: RunLog) -> None:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.reproduce.experiment import Options
-from benchmarks.reproduce.run_log import Asked, Result, RunLog
 from benchmarks.reproduce.scene_runs import asked_of
 from benchmarks.statistics import at_times
 from pmpnbp.geometry.poses import Array
+from pmpnbp.runs.run_log import Asked, Result, RunLog
 
 SCENES = ("cabinet/open", "cabinet/self_occluded")
 MORE_SCENES = (

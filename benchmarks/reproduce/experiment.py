@@ -8,8 +8,11 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from benchmarks.reproduce.run_log import Asked, ReproduceError, RunLog
-from benchmarks.reproduce.spread import Perform, spread
+from pmpnbp.errors import RunError
+from pmpnbp.runs.run_log import Asked, Result, RunLog
+from pmpnbp.runs.workers import spread
+
+Perform = Callable[[Asked], Result]
 
 
 @dataclass(frozen=True)
@@ -56,12 +59,12 @@ class Experiment:
 def make(name: str, experiment: Experiment, options: Options) -> None:
     """Make the runs that are not kept yet, and write figures, tables and report into `options.out`.
 
-    Raises ReproduceError; what has been run by then is kept, as it is where this is interrupted.
+    Raises RunError; what has been run by then is kept, as it is where this is interrupted.
     """
     try:
         run_log = RunLog(options.out, name)
     except OSError as error:
-        raise ReproduceError(f"'{options.out}' cannot be written: {error.strerror}") from None
+        raise RunError(f"'{options.out}' cannot be written: {error.strerror}") from None
     for stage in experiment.stages:
         asked = stage(options, run_log)
         left = [one for one in asked if run_log.get(one) is None]

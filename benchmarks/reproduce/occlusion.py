@@ -15,9 +15,9 @@ from benchmarks.reproduce import figures, outcomes, reports
 from benchmarks.reproduce.experiment import Experiment, Options
 from benchmarks.reproduce.outcomes import Outcomes
 from benchmarks.reproduce.reports import Claim
-from benchmarks.reproduce.run_log import Asked, Result, RunLog
 from benchmarks.reproduce.scene_runs import LAST, asked_of, case_of, perform, scene_scan
 from benchmarks.tables import markdown, rate
+from pmpnbp.runs.run_log import Asked, Result, RunLog
 
 SCENES = {
     "cabinet/self_occluded": "drawer 1 hides those below",

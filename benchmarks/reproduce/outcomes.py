@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.reproduce.reports import Table
-from benchmarks.reproduce.run_log import Asked, Result, RunLog
 from benchmarks.tables import markdown, rate
 from pmpnbp.geometry.poses import Array
+from pmpnbp.runs.run_log import Asked, Result, RunLog
 
 # Metres: the largest error of a part that counts as found.
 FOUND = (0.01, 0.02, 0.05)

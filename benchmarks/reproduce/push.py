@@ -16,9 +16,9 @@ from benchmarks.reproduce.planar import run as planar
 from benchmarks.reproduce.planar.pattern import four_arms, outlines
 from benchmarks.reproduce.push_runs import CLUTTER, FOUND, Found, Runs, components_of, every_run, gathered, perform
 from benchmarks.reproduce.reports import Claim, Table
-from benchmarks.reproduce.run_log import RunLog
 from benchmarks.statistics import difference_interval, mean_interval
 from benchmarks.tables import markdown, rate
+from pmpnbp.runs.run_log import RunLog
 
 # From here on the pairs of components outweigh what grows with their number alone.
 LARGE = 100

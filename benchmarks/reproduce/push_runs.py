@@ -10,8 +10,8 @@ import numpy as np
 
 from benchmarks.reproduce.experiment import Options
 from benchmarks.reproduce.planar import run as planar
-from benchmarks.reproduce.run_log import Asked, Result, RunLog
 from pmpnbp.geometry.poses import Array
+from pmpnbp.runs.run_log import Asked, Result, RunLog
 
 COMPONENTS = (25, 50, 100, 200, 400)
 ITERATIONS, CLUTTER = 45, 20

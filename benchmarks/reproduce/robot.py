@@ -17,11 +17,11 @@ from benchmarks.reproduce import figures, outcomes, reports, robot_scan
 from benchmarks.reproduce.experiment import Experiment, Options
 from benchmarks.reproduce.outcomes import Outcomes
 from benchmarks.reproduce.reports import Claim, Table
-from benchmarks.reproduce.run_log import Asked, Result, RunLog
 from benchmarks.reproduce.scene_runs import asked_of, case_of, perform, scene_scan
 from benchmarks.tables import rate
 from pmpnbp.geometry.poses import Array
 from pmpnbp.pictures.palette import INK, part_colours
+from pmpnbp.runs.run_log import Asked, Result, RunLog
 
 SCENE = "robot/partial"
 ITERATIONS, PARTICLES = 1000, 400

@@ -15,7 +15,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from benchmarks.reproduce.run_log import ReproduceError
+from pmpnbp.errors import RunError
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
@@ -35,7 +35,7 @@ BELOW = 0.01
 def write(folder: Path, urdf: Path) -> None:
     """Depth image, camera, truth and region of interest into `folder`, the same for the same URDF.
 
-    Raises ModelError for a URDF that cannot be used, ReproduceError for a robot that cannot be placed.
+    Raises ModelError for a URDF that cannot be used, RunError for a robot that cannot be placed.
     """
     model = load_model(urdf)
     rng = np.random.default_rng([14, 0])
@@ -104,7 +104,7 @@ def _standing(model: ArticulatedObject, pose_world_foot: Array, rng: np.random.G
         if min(lowest) > lowest[0] - BELOW:
             up = poses.from_xyz_rpy([0.0, 0.0, -min(lowest)], [0.0, 0.0, 0.0])
             return poses.multiply(pose_world_foot, up), joints
-    raise ReproduceError(f"'{model.name}' reaches below its first part at {DRAWS} draws of its joints' positions")
+    raise RunError(f"'{model.name}' reaches below its first part at {DRAWS} draws of its joints' positions")
 
 
 def _camera(surfaces: dict[str, trimesh.Trimesh], pose_world_foot: Array, rng: np.random.Generator) -> Camera:
@@ -117,4 +117,4 @@ def _camera(surfaces: dict[str, trimesh.Trimesh], pose_world_foot: Array, rng: n
         camera = camera_before(pose_world_foot, rng.uniform(-35, 35), distance, above, aim=0.45 * height)
         if surroundings.in_view(surfaces, camera):
             return camera
-    raise ReproduceError(f"no camera sees the whole robot, {size:.2f} m large")
+    raise RunError(f"no camera sees the whole robot, {size:.2f} m large")

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.reproduce.run_log import Asked, Result
 from benchmarks.trials import PROJECT, Case, load_case, load_roi, rough_prior, timed, warm_kernels
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.readout.mixture import of_estimate
 from pmpnbp.readout.placement import Placement, place
+from pmpnbp.runs.run_log import Asked, Result
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior

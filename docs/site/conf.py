@@ -53,6 +53,7 @@ CONTENTS = """
 :caption: Use
 
 docs/python
+docs/batch
 docs/site/examples
 docs/rest
 docs/viewer

@@ -123,7 +123,7 @@ class Estimate:
     @property
     def summary(self) -> str:
         """Three lines: the verdict, where the joints stand with their central 90 %, and what to do next."""
-        rows = _rows(self)
+        rows = standings(self)
         told = "; ".join(f"{name} {row}" for name, row in rows[:SUMMED_UP])
         more = f"; and {len(rows) - SUMMED_UP} more" if len(rows) > SUMMED_UP else ""
         return "\n".join([self.verdict, told + more, advice(self._members)])
@@ -149,7 +149,7 @@ class Estimate:
         return self._scene
 
     def __repr__(self) -> str:
-        rows = [f"{name} {row}" for name, row in _rows(self)]
+        rows = [f"{name} {row}" for name, row in standings(self)]
         return "\n".join([f"<Estimate of {self.model} after iteration {self.iteration}. {self.verdict}", *rows]) + ">"
 
     def _repr_html_(self) -> str:
@@ -159,13 +159,15 @@ class Estimate:
             picture = f'<img alt="the estimate over the scan" src="data:image/png;base64,{data}">'
         except Exception:  # a notebook's cell shows what can be shown, wherever it runs
             picture = ""
-        rows = "".join(f"<tr><th>{html.escape(name)}</th><td>{html.escape(row)}</td></tr>" for name, row in _rows(self))
+        rows = "".join(
+            f"<tr><th>{html.escape(name)}</th><td>{html.escape(row)}</td></tr>" for name, row in standings(self)
+        )
         head = f"<b>{html.escape(self.model)}</b>, iteration {self.iteration}: {html.escape(self.verdict)}"
         return f"<div>{picture}<p>{head}</p><table>{rows}</table></div>"
 
 
-def _rows(found: Estimate) -> list[tuple[str, str]]:
-    """Name and position of each joint; of an object without any, of its links."""
+def standings(found: Estimate) -> list[tuple[str, str]]:
+    """Name and position of each joint, in words; of an object without any, of its links."""
     if not found.joints:
         return [(f"link {name}", _place(link)) for name, link in found.links.items()]
     return [(f"joint {name}", _stand(joint)) for name, joint in found.joints.items()]

@@ -39,7 +39,7 @@ def test_an_example_that_the_command_line_takes(
     for words in calls:
         assert words[0] == "pmpnbp"
         cli._parse(words[1:])
-        assert all(Path(word).is_file() for word in words if word.startswith("sample_data/"))
+        assert all(Path(word).exists() for word in words if word.startswith("sample_data/"))
 
 
 @pytest.mark.parametrize(

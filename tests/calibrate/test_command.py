@@ -14,8 +14,8 @@ from app.cli import main
 from benchmarks.calibrate import runs as runs_module
 from benchmarks.calibrate.command import ABSENT_EVERY
 from benchmarks.reproduce import experiment, figures
-from benchmarks.reproduce.run_log import NAME
 from pmpnbp.readout import object_posterior
+from pmpnbp.runs.run_log import NAME
 from tests.app.command_line import CABINET, Capture, refused
 from tests.calibrate import objects
 from tests.reproduce.example_runs import rows_of, run_here

@@ -13,7 +13,7 @@ from scipy import stats
 
 from benchmarks.calibrate import scenes
 from benchmarks.calibrate.task import Task, unseen, vertices
-from benchmarks.reproduce.run_log import ReproduceError
+from pmpnbp.errors import RunError
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from tests.calibrate import objects
@@ -107,10 +107,10 @@ def test_a_gaussian_prior_is_drawn_from(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_placed_is_told(tmp_path: Path) -> None:
-    with pytest.raises(ReproduceError, match=r"'slider' is not whole within the region .* name a larger region"):
+    with pytest.raises(RunError, match=r"'slider' is not whole within the region .* name a larger region"):
         scenes.draw(objects.task(tmp_path, region=objects.cube(0.35)), 0)
     behind = objects.task(tmp_path, region=objects.cube(2.0))
-    with pytest.raises(ReproduceError, match="none has half of it in the camera's picture"):
+    with pytest.raises(RunError, match="none has half of it in the camera's picture"):
         scenes.draw(replace(behind, region=behind.region + np.tile([50.0, 50.0, 0.0], 2)), 0)
 
 

@@ -1,6 +1,6 @@
 """Is every block of code in the documentation executed, or, where that cannot be, at least one that could be?
 
-Two pages have tests of their own. Of the others the blocks of Python run here, JSON is read by what reads such files,
+Some pages have tests of their own. Of the others the blocks of Python run here, JSON is read by what reads such files,
 and of each command of a shell CHECKS says what is done with it.
 """
 
@@ -25,7 +25,11 @@ PAGES = sorted([ROOT / "README.md", ROOT / "sample_data" / "README.md", *(ROOT /
 BLOCKS = [(page.relative_to(ROOT).as_posix(), *block) for page in PAGES for block in blocks(page)]
 
 # All blocks of these pages are executed there.
-ELSEWHERE = {"docs/python.md": "tests/library/test_python_page.py", "docs/rest.md": "tests/app/test_rest_examples.py"}
+ELSEWHERE = {
+    "docs/batch.md": "tests/batch/test_batch_page.py",
+    "docs/python.md": "tests/library/test_python_page.py",
+    "docs/rest.md": "tests/app/test_rest_examples.py",
+}
 # Of these all are words to Sphinx, which test_site.py has read.
 OF_THE_SITE = ("docs/site/examples.md", "docs/site/reference.md")
 # Blocks without a language are nothing that could be executed. By page and beginning.
@@ -35,7 +39,12 @@ NO_CODE = {
     ("docs/conventions.md", '{"schema": "pmpnbp/estimate-2"'): "a form with gaps; its names are looked up below",
 }
 # Commands of ours that take minutes, or serve until they are stopped: that they would begin is all that is looked at.
-BEGUN_ELSEWHERE = {"serve": "tests/app/test_serve.py", "calibrate": "tests/calibrate", "reproduce": "tests/reproduce"}
+BEGUN_ELSEWHERE = {
+    "serve": "tests/app/test_serve.py",
+    "calibrate": "tests/calibrate",
+    "reproduce": "tests/reproduce",
+    "batch": "tests/batch",
+}
 
 
 def pmpnbp(words: list[str]) -> None:

@@ -10,8 +10,8 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from benchmarks.reproduce.run_log import Asked, Result
-from benchmarks.reproduce.spread import Perform
+from benchmarks.reproduce.experiment import Perform
+from pmpnbp.runs.run_log import Asked, Result
 
 
 def squared(asked: Asked) -> Result:
@@ -32,6 +32,36 @@ def always_killed(asked: Asked) -> Result:
     """A run that ends its process."""
     os.kill(os.getpid(), signal.SIGKILL)
     return squared(asked)
+
+
+def second_killed(asked: Asked) -> Result:
+    """The run of the number 2 ends its process; the others end once it has done so for the third time."""
+    begun = Path(asked["mark"])
+    if asked["number"] == 2:
+        (begun / f"{os.getpid()}").touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    while asked["number"] == 5 and len(list(begun.iterdir())) < 3:
+        time.sleep(0.02)
+    return squared(asked)
+
+
+class NoTravellerError(Exception):
+    """An error that cannot be made again of what it says."""
+
+    def __init__(self, stone: str, weight: float) -> None:
+        super().__init__(stone)
+
+
+def failing_with_what_stays(asked: Asked) -> Result:
+    """A run that fails with an error that cannot be pickled."""
+    raise NoTravellerError("a stone that cannot be carried", 1.0)
+
+
+def threads(asked: Asked) -> Result:
+    """How many threads kernels and BLAS may take."""
+    import numba
+
+    return {"numba": numba.get_num_threads(), "blas": int(os.environ["OPENBLAS_NUM_THREADS"])}
 
 
 def slow(asked: Asked) -> Result:

@@ -13,9 +13,9 @@ from PIL import Image
 from app.cli import main
 from benchmarks.reproduce import experiment, figures, scene_runs
 from benchmarks.reproduce.reports import HOLDS, IN_PART, NOT
-from benchmarks.reproduce.run_log import NAME
-from benchmarks.reproduce.spread import spread
 from pmpnbp.readout import object_posterior
+from pmpnbp.runs.run_log import NAME
+from pmpnbp.runs.workers import spread
 from tests.reproduce.example_runs import rows_of, run_here
 
 RUNS, ITERATIONS = 2, 2

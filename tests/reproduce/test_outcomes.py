@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.reproduce import outcomes, reports
-from benchmarks.reproduce.run_log import RunLog
+from pmpnbp.runs.run_log import RunLog
 
 ASKED = [{"seed": 0}, {"seed": 1}]
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pmpnbp.errors import PmpnbpError
+from pmpnbp.errors import RunError
 from pmpnbp.version import version
 
 NAME = "runs.jsonl"
@@ -16,14 +16,10 @@ Asked = Mapping[str, Any]
 Result = dict[str, Any]
 
 
-class ReproduceError(PmpnbpError):
-    """An experiment cannot be made, or gone on with."""
-
-
 class RunLog:
     """The results in `folder`, by what was asked for; both are what JSON can hold.
 
-    Raises ReproduceError where the file there is of another experiment or version, whose figures must not be mixed.
+    Raises RunError where the file there is of another experiment or version, whose figures must not be mixed.
     """
 
     def __init__(self, folder: Path, experiment: str) -> None:
@@ -36,7 +32,7 @@ class RunLog:
             self._write([head])
             return
         if lines[0] != head:
-            raise ReproduceError(
+            raise RunError(
                 f"'{self.path}' holds runs of {_named(lines[0])}, and this is {_named(head)}; name another folder with "
                 f"--out, or remove that file"
             )
@@ -66,12 +62,15 @@ class RunLog:
     def _lines(self) -> list[Any]:
         if not self.path.is_file():
             return []
-        lines = []
+        lines: list[Any] = []
         for text in self.path.read_text(encoding="utf-8", errors="replace").splitlines():
             try:
-                lines.append(json.loads(text))
-            except ValueError:
+                line = json.loads(text)
+            except (ValueError, RecursionError):
                 break
+            if lines and not (isinstance(line, dict) and "asked" in line and "result" in line):
+                break
+            lines.append(line)
         return lines
 
     def _write(self, lines: list[Any]) -> None:

@@ -113,9 +113,10 @@ class Session(Source):
         made is in the recording."""
         return self._submit(self._pause)
 
-    def reset(self) -> Future[None]:
-        """Begin anew, with the settings and scans now in force; the old recording goes."""
-        return self._submit(self._reset)
+    def reset(self, members: Mapping[str, Any] | None = None) -> Future[None]:
+        """Begin anew with the settings and scans now in force, and other `members` of its document; the old recording
+        goes. The future may raise PmpnbpError, or HttpProblem 507, and then nothing has changed."""
+        return self._submit(partial(self._reset, dict(members or {})))
 
     def change(self, config: Mapping[str, Any]) -> Future[None]:
         """Other settings from the next iteration on. The future may raise SettingError, or HttpProblem 409 or 507."""
@@ -288,12 +289,11 @@ class Session(Source):
             except Exception as error:  # the last iterations could not be written
                 self._fail(error)
 
-    def _reset(self) -> None:
-        if self._goal is not None:
-            self._pause()
-        document = documents.folded(self._document)
+    def _reset(self, members: dict[str, Any]) -> None:
+        document = documents.folded({**self._document, **members})
         problem, inputs = documents.prepare(self._store, document)
         self._room.claim(self.id, problem)
+        self._pause()
         self.archive.abandon()
         self._store.write_session(self.id, document)
         self._document = document

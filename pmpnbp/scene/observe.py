@@ -55,11 +55,7 @@ def observe(
     Raises ScanError where there is no scan, the scans' world frames differ, the region is not a box, or no measured
     point lies in it.
     """
-    if not scans:
-        raise ScanError("no scan was given; expected at least one")
-    frames = sorted({scan.frame_id for scan in scans})
-    if len(frames) > 1:
-        raise ScanError(f"the scans are in different world frames, {', '.join(frames)}; expected one frame for all")
+    frame = common_frame(scans)
     if width < LEAST_WIDTH:
         raise ScanError(f"the work image's width is {width}; expected at least {LEAST_WIDTH} pixels")
     roi = None if roi is None else _checked_roi(roi)
@@ -85,9 +81,19 @@ def observe(
         planes,
         up_direction(scans, planes, up),
         roi,
-        frames[0],
+        frame,
         max(stamps, default=None),
     )
+
+
+def common_frame(scans: Sequence[Scan]) -> str:
+    """The name of the scans' world frame. Raises ScanError where there is no scan, or their world frames differ."""
+    if not scans:
+        raise ScanError("no scan was given; expected at least one")
+    frames = sorted({scan.frame_id for scan in scans})
+    if len(frames) > 1:
+        raise ScanError(f"the scans are in different world frames, {', '.join(frames)}; expected one frame for all")
+    return frames[0]
 
 
 def _checked_roi(roi: Array) -> Array:

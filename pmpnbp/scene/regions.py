@@ -23,7 +23,7 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.observation import Scan
-from pmpnbp.scene.observe import has_pose, presumed_up, scene_points, up_direction
+from pmpnbp.scene.observe import common_frame, has_pose, presumed_up, scene_points, up_direction
 from pmpnbp.scene.sizes_over_joints import reaches, sides, sides_over_joints, united
 from pmpnbp.scene.support_planes import ScenePoints, find_support_planes, level_tops
 
@@ -75,8 +75,9 @@ def propose_regions(scans: Sequence[Scan], model: ArticulatedObject | None = Non
     """The things that stand in one scene seen in `scans`, at most MOST_REGIONS, those that are likest `model` first,
     else those with the most points; none where nothing stands out. The same input gives the same regions.
 
-    Raises ScanError as `observe` does.
+    Raises ScanError where there is no scan, or the scans' world frames differ.
     """
+    common_frame(scans)
     scene = _thinned(scene_points(scans))
     planes = find_support_planes(scene, presumed_up(scans, None), up_is_known=has_pose(scans))
     up = up_direction(scans, planes, None)
@@ -148,9 +149,7 @@ def _clusters(points: Array, tolerances: Array, chosen: NDArray[np.bool_]) -> li
     return [one for one in found if len(one) >= FEWEST and np.ptp(points[one], axis=0).max() >= LEAST_LENGTH]
 
 
-def _put_together(
-    points: Array, clusters: Sequence[NDArray[np.int64]], likeness: Array
-) -> dict[frozenset[int], float]:
+def _put_together(points: Array, clusters: Sequence[NDArray[np.int64]], likeness: Array) -> dict[frozenset[int], float]:
     """Each cluster, and the neighbours that make it more like the model, as sets of points with their unlikeness; a
     neighbour that touches it need only not make it less so."""
     if not clusters:

@@ -47,9 +47,9 @@ class ProposedRegions(BaseModel):
     "/regions", response_model=ProposedRegions, summary="What stands in its scans", responses=responses(404, 409)
 )
 def get_regions(session_id: SourceId, request: Request) -> Any:
-    """The things that stand out of floor, walls and table tops in the session's scans, at most six: boxes for `roi`. They
-    are found by their places and sizes alone, so that a person or a program has to choose. A large thing, or one that
-    touches others, may come in pieces or with its neighbours."""
+    """The things that stand out of floor, walls and table tops in the session's scans, at most six: boxes for `roi`.
+    They are told by their places and sizes alone, so that a person or a program has to choose. A large thing, or one
+    that touches others, may come in pieces or with its neighbours."""
     source = sessions_of(request).get(session_id)
     problem = source.archive.read().problem
     # a scan that does not see the present region is in no view; a recording has no ids for its scans

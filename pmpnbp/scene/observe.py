@@ -145,8 +145,10 @@ def scene_points(
     base: float = PLANE_TOLERANCE,
     growth: float = PLANE_TOLERANCE_GROWTH,
 ) -> ScenePoints:
-    """The oriented points of all `scans`, whole, thinned to about PLANE_WIDTH pixels across; base, growth : of a plane's
-    tolerance, as `observe` has them."""
+    """The oriented points of all `scans`, whole, thinned to about PLANE_WIDTH pixels across.
+
+    base, growth : of a plane's tolerance, as `observe` has them
+    """
     points, normals, tolerances, border = [], [], [], []
     for scan in scans:
         factor = max(min(scan.camera.width // PLANE_WIDTH, scan.camera.height), 1)
@@ -254,11 +256,12 @@ def _but(observation: Observation, chosen: Sequence[NDArray[np.bool_]], category
 
 
 def has_pose(scans: Sequence[Scan]) -> bool:
+    """Whether a scan says where its camera is, so that world's z is up."""
     return any(not np.array_equal(scan.camera.pose_world_camera, IDENTITY) for scan in scans)
 
 
 def presumed_up(scans: Sequence[Scan], up: Array | None) -> Array:
-    """(3,) unit vector: which way is up before any plane is known."""
+    """(3,) unit vector: which way is up before any plane is known. Raises ScanError where `up` is no direction."""
     if up is not None:
         given = np.array(up, dtype=np.float64)
         length = np.linalg.norm(given)
@@ -269,6 +272,7 @@ def presumed_up(scans: Sequence[Scan], up: Array | None) -> Array:
 
 
 def up_direction(scans: Sequence[Scan], planes: Array, up: Array | None) -> Array:
+    """(3,) unit vector: which way is up once the support `planes` (K, 4) are known."""
     presumed = presumed_up(scans, up)
     if up is not None or has_pose(scans) or len(planes) == 0:
         return presumed

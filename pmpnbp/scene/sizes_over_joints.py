@@ -40,7 +40,7 @@ def sides(reach: Array) -> Array:
 
 
 def sides_over_joints(model: ArticulatedObject) -> Array:
-    """(S, 3) metres: the `sides` of the model upright in S joint configurations: at rest, and drawn from the joints' ranges.
+    """(S, 3) metres: the `sides` of the upright model with its joints at rest, and as drawn from their ranges.
 
     Each part counts as its bounding box. The draws are the same in every call.
     """

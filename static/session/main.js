@@ -20,6 +20,7 @@ import * as part from "./part.js";
 import * as particle from "./particle.js";
 import * as plots from "./plots.js";
 import * as settings from "./settings.js";
+import * as setup from "./setup.js";
 import * as share from "./share.js";
 import { isLive, isRecording, newestIteration, onTheme, state, subscribe, theme, update } from "./state.js";
 import * as tabs from "./tabs.js";
@@ -67,6 +68,7 @@ async function begin() {
     before = state.view.particle;
     seen = newestIteration();
   });
+  setup.install();
   document.body.dataset.ready = "true";
   if (isRecording()) reportDamage();
 }

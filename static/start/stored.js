@@ -28,12 +28,12 @@ export async function remove(kind, id) {
 }
 
 // Make a session of what `members` gives, and go to its page; what goes wrong is said in `place`.
-export async function openNew(path, members, button, place) {
+export async function openNew(path, members, button, place, query = "") {
   trouble(place, "");
   button.disabled = true;
   try {
     const session = await call(`/api/v1/${path}`, { method: "POST", body: members() });
-    location.assign(session.view_url);
+    location.assign(session.view_url + query);
   } catch (problem) {
     trouble(place, problem.message);
   }

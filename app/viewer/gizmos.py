@@ -30,6 +30,8 @@ STD_XYZ, STD_RPY = 0.08, 0.15
 # Metres around what may be the object, of a region that nobody has drawn.
 _AROUND = 0.05
 
+# How much larger the number of the chosen one is.
+EMPHASIS = 1.5
 # Of what could be chosen instead.
 OFFERED: Mapping[Theme, tuple[int, int, int]] = {"light": rgb("#59626f"), "dark": rgb("#9ba6b4")}
 # Of what somebody may do: drag it, or look from there.
@@ -39,8 +41,7 @@ ACCENT: Mapping[Theme, tuple[int, int, int]] = {"light": rgb("#345bb5"), "dark":
 def gizmos(stage: Stage, state: ViewState) -> Iterator[Node]:
     """The nodes of region and prior, where they are shown and there is one."""
     for number, box in enumerate(state.proposals, start=1):
-        if box != state.region or not state.show.region:
-            yield from _proposal(number, np.array(box), state.theme)
+        yield from _proposal(number, np.array(box), state.theme, box == state.region and state.show.region)
     if state.show.region and state.region is not None:
         yield from _region(np.array(state.region), stage, state.theme)
     if state.show.prior and state.prior is not None:
@@ -107,7 +108,7 @@ def dragged_prior(prior: Mapping[str, Any], pose: Array) -> dict[str, Any]:
 
 
 def proposal_at(proposals: Sequence[Sequence[float]], origin: Array, ray: Array) -> tuple[float, ...] | None:
-    """Which of the boxes (6,) a ray from `origin` (3,) along `ray` (3,), world, meets first; None where there is none."""
+    """Which of the boxes (6,) a ray from `origin` (3,) along `ray` (3,), world, meets first, or None."""
     nearest, found = np.inf, None
     for box in proposals:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -126,10 +127,12 @@ def _edges(box: Array) -> Floats:
     return edges
 
 
-def _proposal(number: int, box: Array, theme: Theme) -> Iterator[Node]:
-    yield Lines(f"/proposals/{number}", _edges(box), OFFERED[theme], 1.5)
+def _proposal(number: int, box: Array, theme: Theme, chosen: bool) -> Iterator[Node]:
+    if not chosen:  # else it is the region, which is drawn itself
+        yield Lines(f"/proposals/{number}", _edges(box), OFFERED[theme], 1.5)
     top = np.array([*(box[:2] + box[3:5]) / 2, box[5]])
-    yield Label(f"/proposals/{number}/number", f"{number}", pose=np.concatenate([top, poses.IDENTITY[3:]]))
+    size = EMPHASIS if chosen else 1.0
+    yield Label(f"/proposals/{number}/number", f"{number}", size, np.concatenate([top, poses.IDENTITY[3:]]))
 
 
 def _region(box: Array, stage: Stage, theme: Theme) -> Iterator[Node]:

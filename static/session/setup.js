@@ -83,6 +83,7 @@ const same = (one, other) => Boolean(one && other) && one.every((number, at) => 
 function show() {
   byId("setup-open").hidden = isRecording() || isOpen() || state.session?.state === "running";
   if (!isOpen() || !asked) return;
+  if (state.session.state === "running" && !byId("setup-run").disabled) return close(); // somebody else has run it
   const everything = !state.view.show.region;
   const region = state.view.region;
   const taken = everything ? -1 : regions.findIndex(({ roi }) => same(roi, region));

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmarks.hard import _write
+from benchmarks.hard import write_hard
 from benchmarks.hard_scenes import FAMILIES, hard_scene
 from pmpnbp.errors import ScanError
 from pmpnbp.geometry import poses
@@ -66,7 +66,7 @@ def test_the_sample_objects_are_proposed_first_and_whole(model: str, scene: str)
 
 @pytest.mark.parametrize("family", ["open_laptop", "lamp", "organiser", "bias", "cut_off"])
 def test_things_on_tables_and_against_walls_are_proposed(family: str, tmp_path: Path) -> None:
-    _write(tmp_path, hard_scene(family, 0), np.random.default_rng([21, list(FAMILIES).index(family), 0]))
+    write_hard(tmp_path, hard_scene(family, 0), np.random.default_rng([21, list(FAMILIES).index(family), 0]))
     scan = load_scan(tmp_path / "depth.png", tmp_path / "camera.json")
     urdf = tmp_path / "model.urdf"
     proposed = propose_regions([scan], load_model(urdf))

@@ -59,6 +59,7 @@ Tags = Annotated[
         description="words that it is found by; one that comes twice counts once", examples=[["kitchen"]], max_length=20
     ),
 ]
+Roi = Annotated[list[Finite], Field(min_length=6, max_length=6, examples=[[-0.1, -0.2, -0.1, 0.9, 0.7, 0.9]])]
 Members = Annotated[dict[str, Any], AfterValidator(_plain)]
 
 
@@ -106,9 +107,7 @@ class SessionRequest(Body):
     particles: int = _option("particles")
     iterations: int = _option("iterations", "; `run` makes so many where it is told no number")
     seed: int = _option("seed")
-    roi: list[Finite] | None = _option(
-        "roi", "; null for the default", min_length=6, max_length=6, examples=[[-0.1, -0.2, -0.1, 0.9, 0.7, 0.9]]
-    )
+    roi: Roi | None = _option("roi", "; null for the default")
     prior: Members | None = _option(
         "prior",
         ": {kind: uniform, orientation: upright or any}, or {kind: gaussian, link, pose (of the link in world, metres, "
@@ -147,6 +146,16 @@ class StepRequest(Body):
     """How many iterations to wait for."""
 
     iterations: int = Field(1, description="iterations to make", ge=1, le=1000)
+
+
+class ResetRequest(Body):
+    """With what the session begins anew; what is not named stays as it is."""
+
+    roi: Roi | None = _option("roi", "; null for the default")
+    prior: Members | None = _option("prior", ", as prior.json; null for the default")
+    method: Method = _option("method")
+    particles: int = _option("particles")
+    seed: int = _option("seed")
 
 
 class ChangeRequest(Body):

@@ -27,6 +27,7 @@ from app.routes import (
     particles,
     pictures,
     recordings,
+    regions,
     results,
     samples,
     scans,
@@ -58,6 +59,7 @@ ROUTERS = (
     # before the beliefs: a belief's particles are no link's name
     particles.router,
     beliefs.router,
+    regions.router,
     results.router,
     session_recordings.router,
     decisions.router,

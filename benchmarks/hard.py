@@ -56,7 +56,7 @@ def load_hard(
     """The scene made ready, and its prior. margin : metres about the object's box; None looks everywhere."""
     made, folder = hard_scene(family, seed), parent / f"{family}_{seed}"
     rng = np.random.default_rng([21, list(FAMILIES).index(family), seed])
-    _write(folder, made, rng)
+    write_hard(folder, made, rng)
     grown = None if margin is None else load_roi(folder) + np.repeat([-1.0, 1.0], 3) * (margin - ROI_MARGIN)
     model = load_model(folder / "model.urdf", triangle_budget=settings.triangles)
     return load_case(folder.name, model, folder, grown, settings), UniformPrior(made.orientation)
@@ -69,12 +69,12 @@ def load_absent(family: str, seed: int, parent: Path, settings: Settings, roi: A
     below = made.scene.pose_world_base + np.array([0.0, 0.0, -AWAY, 0.0, 0.0, 0.0, 0.0])
     folder = parent / f"{family}_{seed}_absent"
     rng = np.random.default_rng([22, list(FAMILIES).index(family), seed])
-    _write(folder, replace(made, scene=replace(made.scene, pose_world_base=below)), rng)
+    write_hard(folder, replace(made, scene=replace(made.scene, pose_world_base=below)), rng)
     model = load_model(folder / "model.urdf", triangle_budget=settings.triangles)
     return load_case(folder.name, model, folder, roi, settings)
 
 
-def _write(folder: Path, made: HardScene, rng: np.random.Generator) -> None:
+def write_hard(folder: Path, made: HardScene, rng: np.random.Generator) -> None:
     """Scan, truth and region of a scene, and the URDF that the inference is given."""
     write_scene(folder, made.scene, rng)
     depth = np.asarray(Image.open(folder / "depth.png")).astype(np.float64) / 1000

@@ -11,7 +11,7 @@ from app.documentation import answer
 from app.problems import responses
 from app.routes.entries import not_modified, tellable
 from app.routes.parameters import LiveSession, SessionId, sessions_of
-from app.schemas import AddScanRequest, ChangeRequest, RunRequest, Session, SessionRequest, StepRequest
+from app.schemas import AddScanRequest, ChangeRequest, ResetRequest, RunRequest, Session, SessionRequest, StepRequest
 from app.store.idempotency import call_key
 from app.store.store import Store
 from app.uploads.uploads import unchanged
@@ -119,9 +119,11 @@ def pause_session(session: LiveSession) -> Any:
 
 
 @commands.post("/reset", response_model=Session, summary="Begin anew", responses=responses(507))
-def reset_session(session: LiveSession) -> Any:
-    """Back to iteration 0 with the settings and scans now in force, in any state. The old recording goes."""
-    session.reset().result()
+def reset_session(session: LiveSession, body: ResetRequest | None = None) -> Any:
+    """Back to iteration 0 with the settings and scans now in force, in any state. The old recording goes. Members that
+    are named replace those that the session was made with: so a session made without a region is given one that
+    GET regions proposes."""
+    session.reset({} if body is None else body.model_dump(include=body.model_fields_set)).result()
     return session.status()
 
 

@@ -114,9 +114,10 @@ class Session(Source):
         made is in the recording."""
         return self._submit(self._pause)
 
-    def reset(self) -> Future[None]:
-        """Begin anew, with the settings and scans now in force; the old recording goes."""
-        return self._submit(self._reset)
+    def reset(self, members: Mapping[str, Any] | None = None) -> Future[None]:
+        """Begin anew with the settings and scans now in force, and other `members` of its document; the old recording
+        goes. The future may raise PmpnbpError, or HttpProblem 507, and then nothing has changed."""
+        return self._submit(partial(self._reset, dict(members or {})))
 
     def change(self, config: Mapping[str, Any], labels: Mapping[str, Any] | None = None) -> Future[None]:
         """Other settings from the next iteration on, and with them, or not at all, what `label` takes. The future may
@@ -286,12 +287,11 @@ class Session(Source):
             except Exception as error:  # the last iterations could not be written
                 self._fail(error)
 
-    def _reset(self) -> None:
-        if self._goal is not None:
-            self._pause()
-        anew = documents.folded(self._document)
+    def _reset(self, members: dict[str, Any]) -> None:
+        anew = {**members, **documents.folded(self._document)}
         problem, inputs = documents.prepare(self._store, {**self._document, **anew})
         self._room.claim(self.id, problem)
+        self._pause()
         self.archive.abandon()
         self._rewrite(anew)
         self.begin(problem, inputs)

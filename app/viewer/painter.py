@@ -24,13 +24,13 @@ from app.viewer.camera import Camera
 from app.viewer.client_page import scene_only
 from app.viewer.draw import Drawing
 from app.viewer.frames import frame
-from app.viewer.gizmos import PRIOR, dragged_prior, dragged_region
+from app.viewer.gizmos import PRIOR, dragged_prior, dragged_region, proposal_at
 from app.viewer.picking import picked
 from app.viewer.scene_frame import SceneFrame
 from app.viewer.scenery import Scenery
 from app.viewer.stage import Stage
 from app.viewer.view import DrawnScene, Find, View
-from app.viewer.view_state import Eye, ViewState
+from app.viewer.view_state import Eye, Layers, ViewState
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.geometry.poses import Array
 from pmpnbp.json_text import json_bytes
@@ -218,8 +218,12 @@ class Painter:
         scene = self._scene
         if scene is None:
             return
-        targets = scene.targets
-        pick = picked(targets, np.array(event.ray_origin), np.array(event.ray_direction))
+        targets, origin, ray = scene.targets, np.array(event.ray_origin), np.array(event.ray_direction)
+        box = proposal_at(self._view.state.proposals, origin, ray)
+        if box is not None:
+            self._view.change(ViewState(region=box, show=Layers(region=True)))
+            return
+        pick = picked(targets, origin, ray)
         if pick is not None:
             part, particle = pick
             self._view.change(ViewState(part=targets.parts[part], particle=particle))

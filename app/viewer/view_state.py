@@ -37,6 +37,9 @@ def _ordered(box: tuple[float, ...]) -> tuple[float, ...]:
     return box
 
 
+_Box = Annotated[tuple[_Coordinate, ...], Field(min_length=6, max_length=6), AfterValidator(_ordered)]
+
+
 def _gaussian(prior: dict[str, Any]) -> dict[str, Any]:
     if prior.get("kind") != "gaussian":  # whether it fits the model is asked where the model is known
         raise ValueError("expected a gaussian prior as in prior.json")
@@ -163,11 +166,14 @@ class ViewState(Body):
     compare: Compare | None = Field(default=None, description="another session or iteration to lay over this one")
     theme: Theme = Field(default="light", description="the ground that is drawn on")
     camera: Eye | None = Field(default=None, description="where it is looked at from; null: where a view begins")
-    region: Annotated[tuple[_Coordinate, ...], Field(min_length=6, max_length=6), AfterValidator(_ordered)] | None = (
-        Field(
-            default=None,
-            description="x0 y0 z0 x1 y1 z1, metres in world: what the box in the scene says; at first the session's",
-        )
+    region: _Box | None = Field(
+        default=None,
+        description="x0 y0 z0 x1 y1 z1, metres in world: what the box in the scene says; at first the session's",
+    )
+    proposals: Annotated[tuple[_Box, ...], Field(max_length=20)] = Field(
+        default=(),
+        description="boxes as `region` that are offered for it, numbered from 1 in the scene; a click on one makes it "
+        "the region",
     )
     prior: Annotated[Members, AfterValidator(_gaussian)] | None = Field(
         default=None, description="gaussian, as prior.json: what the frame in the scene says; at first the session's"

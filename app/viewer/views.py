@@ -189,4 +189,6 @@ def with_handles(view: View, source: Source) -> None:
         view.change(ViewState(region=default_region(source.archive.read().problem.observation)))
     if state.show.prior and state.prior is None:
         snapshot = source.archive.read()
-        view.change(ViewState(prior=default_prior(snapshot.problem.mrf.model, snapshot.result["links"])))
+        within = view.state.region if view.state.show.region else None
+        prior = default_prior(snapshot.problem.mrf.model, snapshot.result["links"], within)
+        view.change(ViewState(prior=prior))

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar, cast
 
 import httpx
+import numpy as np
 from numpy.typing import ArrayLike
 
 from pmpnbp.client import event_stream, particles
@@ -21,9 +22,10 @@ from pmpnbp.client.decisions import Decision, View, question
 from pmpnbp.client.entries import Scan
 from pmpnbp.client.event_stream import Event
 from pmpnbp.client.particles import Belief, Message, PosteriorDraws
-from pmpnbp.client.uploads import Members, ScanSource, known_id, upload_scan
+from pmpnbp.client.uploads import Members, ScanSource, known_id, prior_members, upload_scan
 from pmpnbp.errors import EstimateError, PmpnbpError, ServerError, StorageError
 from pmpnbp.library.estimate import Estimate
+from pmpnbp.scene.regions import Region
 
 Goal = Literal["iterations", "converged", "certain"]
 Wait = Literal["converged", "certain", "idle"]
@@ -86,9 +88,17 @@ class RemoteSession:
         """Stop after the present iteration. Gives what `status` does."""
         return self._told("POST", "pause")
 
-    def reset(self) -> dict[str, Any]:
-        """Back to iteration 0, with the settings and scans now in force. Gives what `status` does."""
-        return self._told("POST", "reset")
+    def reset(self, *, roi: ArrayLike | None = None, prior: Members | None = None) -> dict[str, Any]:
+        """Back to iteration 0, with the settings and scans now in force. Gives what `status` does.
+
+        roi : (6,) x0 y0 z0 x1 y1 z1, metres in world, another region of interest; prior : another prior, prior.json as
+            a file or as its members; None: as it was
+        """
+        given = {
+            "roi": None if roi is None else np.ravel(roi),
+            "prior": None if prior is None else prior_members(prior),
+        }
+        return self._told("POST", "reset", json={name: value for name, value in given.items() if value is not None})
 
     def change(self, **settings: bool | int | float | str) -> dict[str, Any]:
         """Other settings from the next iteration on; those not named stay. Gives what `status` does."""
@@ -167,6 +177,21 @@ class RemoteSession:
     def picture(self, width: int | None = None, iteration: int | None = None) -> bytes:
         """PNG: the estimate over its first scan, as the camera sees it. width : pixels; default: the camera's."""
         return self._read("a picture", httpx.Response.read, "estimate.png", width=width, iteration=iteration)
+
+    def regions(self) -> list[Region]:
+        """The things that stand in its scans apart from floor, walls and tables, the likest its model first: boxes that
+        `reset(roi=…)` takes."""
+        found = self._read("regions", httpx.Response.json, "regions")
+        with understood("regions"):
+            return [
+                Region(
+                    roi=np.array(one["roi"]),
+                    size=np.array(one["size"]),
+                    points=one["points"],
+                    unlikeness=one["unlikeness"],
+                )
+                for one in found["regions"]
+            ]
 
     def decision(
         self,

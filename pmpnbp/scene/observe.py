@@ -55,11 +55,7 @@ def observe(
     Raises ScanError where there is no scan, the scans' world frames differ, the region is not a box, or no measured
     point lies in it.
     """
-    if not scans:
-        raise ScanError("no scan was given; expected at least one")
-    frames = sorted({scan.frame_id for scan in scans})
-    if len(frames) > 1:
-        raise ScanError(f"the scans are in different world frames, {', '.join(frames)}; expected one frame for all")
+    frame = common_frame(scans)
     if width < LEAST_WIDTH:
         raise ScanError(f"the work image's width is {width}; expected at least {LEAST_WIDTH} pixels")
     roi = None if roi is None else _checked_roi(roi)
@@ -67,8 +63,8 @@ def observe(
     images = [work_image(scan, _in_region(scan, roi), width, margin) for scan in scans]
     if all(image is None for image in images):
         raise ScanError(_nothing_in(scans, roi))
-    scene = _scene_points(scans, roi, plane_tolerance, plane_tolerance_growth)
-    planes = find_support_planes(scene, _presumed_up(scans, up), up_is_known=up is not None or _has_pose(scans))
+    scene = scene_points(scans, roi, plane_tolerance, plane_tolerance_growth)
+    planes = find_support_planes(scene, presumed_up(scans, up), up_is_known=up is not None or has_pose(scans))
     views, points, normals = [], [], []
     for image in images:
         if image is None:  # this scan does not see the region
@@ -83,11 +79,21 @@ def observe(
         np.concatenate(points),
         np.concatenate(normals),
         planes,
-        _up(scans, planes, up),
+        up_direction(scans, planes, up),
         roi,
-        frames[0],
+        frame,
         max(stamps, default=None),
     )
+
+
+def common_frame(scans: Sequence[Scan]) -> str:
+    """The name of the scans' world frame. Raises ScanError where there is no scan, or their world frames differ."""
+    if not scans:
+        raise ScanError("no scan was given; expected at least one")
+    frames = sorted({scan.frame_id for scan in scans})
+    if len(frames) > 1:
+        raise ScanError(f"the scans are in different world frames, {', '.join(frames)}; expected one frame for all")
+    return frames[0]
 
 
 def _checked_roi(roi: Array) -> Array:
@@ -133,8 +139,16 @@ def _tolerance(depth: NDArray[np.floating], base: float, growth: float) -> NDArr
     return base + growth * depth**2
 
 
-def _scene_points(scans: Sequence[Scan], roi: Array | None, base: float, growth: float) -> ScenePoints:
-    """The oriented points of all scans, whole, thinned to about PLANE_WIDTH pixels across."""
+def scene_points(
+    scans: Sequence[Scan],
+    roi: Array | None = None,
+    base: float = PLANE_TOLERANCE,
+    growth: float = PLANE_TOLERANCE_GROWTH,
+) -> ScenePoints:
+    """The oriented points of all `scans`, whole, thinned to about PLANE_WIDTH pixels across.
+
+    base, growth : of a plane's tolerance, as `observe` has them
+    """
     points, normals, tolerances, border = [], [], [], []
     for scan in scans:
         factor = max(min(scan.camera.width // PLANE_WIDTH, scan.camera.height), 1)
@@ -241,24 +255,26 @@ def _but(observation: Observation, chosen: Sequence[NDArray[np.bool_]], category
     return replace(observation, views=tuple(views), points=np.concatenate(points), normals=np.concatenate(normals))
 
 
-def _has_pose(scans: Sequence[Scan]) -> bool:
+def has_pose(scans: Sequence[Scan]) -> bool:
+    """Whether a scan says where its camera is, so that world's z is up."""
     return any(not np.array_equal(scan.camera.pose_world_camera, IDENTITY) for scan in scans)
 
 
-def _presumed_up(scans: Sequence[Scan], up: Array | None) -> Array:
-    """(3,) unit vector: which way is up before any plane is known."""
+def presumed_up(scans: Sequence[Scan], up: Array | None) -> Array:
+    """(3,) unit vector: which way is up before any plane is known. Raises ScanError where `up` is no direction."""
     if up is not None:
         given = np.array(up, dtype=np.float64)
         length = np.linalg.norm(given)
         if given.shape != (3,) or not np.isfinite(given).all() or length < 1e-9:
             raise ScanError(f"up is {np.asarray(up).tolist()!r:.80}; expected three numbers, a direction in world")
         return given / length
-    return np.array([0.0, 0.0, 1.0]) if _has_pose(scans) else np.array([0.0, -1.0, 0.0])
+    return np.array([0.0, 0.0, 1.0]) if has_pose(scans) else np.array([0.0, -1.0, 0.0])
 
 
-def _up(scans: Sequence[Scan], planes: Array, up: Array | None) -> Array:
-    presumed = _presumed_up(scans, up)
-    if up is not None or _has_pose(scans) or len(planes) == 0:
+def up_direction(scans: Sequence[Scan], planes: Array, up: Array | None) -> Array:
+    """(3,) unit vector: which way is up once the support `planes` (K, 4) are known."""
+    presumed = presumed_up(scans, up)
+    if up is not None or has_pose(scans) or len(planes) == 0:
         return presumed
     cosine = planes[:, :3] @ presumed
     best = int(cosine.argmax())

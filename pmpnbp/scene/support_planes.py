@@ -91,6 +91,25 @@ def find_support_planes(scene: ScenePoints, up: Array, *, up_is_known: bool) -> 
     return np.array(planes).reshape(-1, 4)
 
 
+def level_tops(scene: ScenePoints, chosen: NDArray[np.bool_], up: Array) -> list[Array]:
+    """Level planes (4,) among the `chosen` points that are as large as a support plane, whatever lies below them: table
+    tops, shelves, and the tops of large objects. up : (3,) unit vector, world."""
+    left = chosen & (scene.normals @ up > ALIGNED)
+    tops: list[Array] = []
+    while len(tops) < MOST_PLANES:
+        plane = _largest_plane(scene, left)
+        if plane is None:
+            break
+        distance = np.abs(scene.points @ plane[:3] + plane[3])
+        on_plane = left & (distance < scene.tolerances)
+        if on_plane.sum() < LEAST_SHARE / 2 * len(scene.points):
+            break
+        if plane[:3] @ up >= LEVEL and _is_large(scene, plane, on_plane, 0.0):
+            tops.append(plane)
+        left &= distance >= SKIRT * scene.tolerances
+    return tops
+
+
 def _largest_plane(scene: ScenePoints, free: NDArray[np.bool_]) -> Array | None:
     """The plane (4,) with the most points of `free` on it that face its way, refined by least squares; or None."""
     oriented = np.flatnonzero(free & (scene.normals != 0).any(axis=1))

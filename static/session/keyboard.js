@@ -3,6 +3,7 @@
 
 import { playOrPause, step } from "./controls.js";
 import { byId } from "./dom.js";
+import * as setup from "./setup.js";
 import { isRecording } from "./state.js";
 import { live, move, playback } from "./timeline.js";
 
@@ -46,7 +47,8 @@ function press(event) {
     "?": () => byId("help").showModal(),
   };
   const act = acts[event.key];
-  if (!act) return;
+  // while it is asked where the object is, nothing runs but by the answer
+  if (!act || (setup.isOpen() && event.key !== "?")) return;
   event.preventDefault();
   act();
 }

@@ -35,17 +35,7 @@ export function install() {
     ),
   );
   byId("confidence").addEventListener("input", (event) => changeView({ confidence: Number(event.target.value) / 100 }));
-  for (const [at, axis] of AXES.entries()) {
-    byId("region-numbers").append(
-      h("div", {}, [
-        h("span", { class: "axis" }, axis),
-        ends(at, `smallest ${axis} of the region, centimetres`),
-        h("span", {}, "to"),
-        ends(at + 3, `largest ${axis} of the region, centimetres`),
-        h("span", { class: "unit" }, "cm"),
-      ]),
-    );
-  }
+  for (const place of ["region-numbers", "setup-numbers"]) byId(place).append(...AXES.map(numbersOf));
   for (const [kind, member] of Object.entries({ region: "roi", prior: "prior" })) {
     const start = () => {
       const members = { [member]: state.view[kind] ?? state.session[member] };
@@ -61,6 +51,16 @@ function layerSwitch(name, title, description) {
   const box = h("input", { type: "checkbox", role: "switch", id: `layer-${name}`, on: { change: press } });
   boxes.set(name, box);
   return h("label", { class: "switch", for: `layer-${name}`, title: description }, box, h("span", {}, title));
+}
+
+function numbersOf(axis, at) {
+  return h("div", {}, [
+    h("span", { class: "axis" }, axis),
+    ends(at, `smallest ${axis} of the region, centimetres`),
+    h("span", {}, "to"),
+    ends(at + 3, `largest ${axis} of the region, centimetres`),
+    h("span", { class: "unit" }, "cm"),
+  ]);
 }
 
 function ends(at, label) {

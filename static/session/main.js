@@ -22,6 +22,7 @@ import * as particle from "./particle.js";
 import * as plots from "./plots.js";
 import { see } from "./seen.js";
 import * as settings from "./settings.js";
+import * as setup from "./setup.js";
 import * as share from "./share.js";
 import * as splitters from "./splitters.js";
 import {
@@ -86,6 +87,7 @@ async function begin() {
     before = state.view.particle;
     seen = newestIteration();
   });
+  setup.install();
   document.body.dataset.ready = "true";
   see(state.id);
   if (watched) fromStart.watch(search);

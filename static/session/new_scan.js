@@ -1,9 +1,10 @@
-// How does the session go on with another scan? One of those on the server, as another view of the same scene or as what
-// the scene looks like now; it counts from the next iteration on.
+// How does the session go on with another scan? One of those on the server, or from a file, as another view of the same
+// scene or as what the scene looks like now; it counts from the next iteration on.
 
-import { call, sessionPath } from "./api.js";
+import { add, addFiles } from "./add_files.js";
+import { call } from "./api.js";
 import { byId, h, sentence } from "./dom.js";
-import { isRecording, state, subscribe, update } from "./state.js";
+import { isRecording, state, subscribe } from "./state.js";
 
 const wrong = sentence("new-scan-error");
 let shown = "";
@@ -11,8 +12,9 @@ let shown = "";
 export function install() {
   byId("new-scan").addEventListener("submit", (event) => {
     event.preventDefault();
-    send();
+    send(() => add(byId("new-scan-id").value, mode()));
   });
+  byId("new-scan-files").addEventListener("change", ({ target }) => send(() => addFiles(target, mode())));
   subscribe(["tab", "session"], show);
 }
 
@@ -32,7 +34,7 @@ async function show() {
       h("option", { value: scan.id }, `${scan.file_name} · ${new Date(scan.created).toLocaleString("en-GB")}`),
     );
     byId("new-scan-id").replaceChildren(
-      ...(options.length ? options : [h("option", { value: "" }, "none: upload one on the start page")]),
+      ...(options.length ? options : [h("option", { value: "" }, "none: choose a file")]),
     );
     byId("new-scan-add").disabled = !options.length;
   } catch (problem) {
@@ -40,12 +42,12 @@ async function show() {
   }
 }
 
-async function send() {
-  const body = { scan_id: byId("new-scan-id").value, mode: byId("new-scan").elements.mode.value };
+const mode = () => byId("new-scan").elements.mode.value;
+
+async function send(adding) {
   try {
-    const session = await call(`${sessionPath(state.id)}/scans`, { method: "POST", body });
+    await adding();
     wrong("");
-    update({ session: { ...state.session, scan_ids: session.scan_ids } });
   } catch (problem) {
     wrong(problem.message);
   }

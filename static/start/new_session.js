@@ -1,4 +1,5 @@
-// What is a new session made of? A form over what the server keeps; its members are those of POST /api/v1/sessions.
+// What is a new session made of? A form over what the server keeps; its members are those of POST /api/v1/sessions. Where
+// the object stands is asked on the session's page, in the 3D view.
 
 import { call } from "../session/api.js";
 import { byId, h, reconcile, setText } from "../session/dom.js";
@@ -77,6 +78,11 @@ export function chooseScan(id) {
   if (box) box.checked = true;
 }
 
+// These, and no others.
+export function chooseScans(ids) {
+  for (const box of byId("scan-choices").querySelectorAll("input")) box.checked = ids.includes(box.value);
+}
+
 export function setPrior(text) {
   let members = null;
   try {
@@ -139,5 +145,5 @@ function prior() {
 async function create(event) {
   event.preventDefault();
   const button = event.submitter ?? byId("create").querySelector("[type=submit]");
-  await openNew("sessions", members, button, byId("create-trouble"));
+  await openNew("sessions", members, button, byId("create-trouble"), "?setup");
 }

@@ -33,6 +33,6 @@ function title(scene) {
 async function open(button, scene) {
   const text = button.textContent;
   setText(button, "Opening…");
-  await openNew("sessions/sample", () => ({ scene, run: false }), button, byId("sample-trouble"));
+  await openNew("sessions/sample", () => ({ scene, run: false }), button, byId("sample-trouble"), "?play=run");
   setText(button, text);
 }

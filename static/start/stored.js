@@ -27,13 +27,13 @@ export async function remove(kind, id) {
   await refresh([kind]);
 }
 
-// Make a session of what `members` gives, and go to its page; what goes wrong is said in `place`.
-export async function openNew(path, members, button, place) {
+// Make a session of what `members` gives, and go to its page, with `query`; what goes wrong is said in `place`.
+export async function openNew(path, members, button, place, query) {
   trouble(place, "");
   button.disabled = true;
   try {
     const session = await call(`/api/v1/${path}`, { method: "POST", body: members() });
-    location.assign(`${session.view_url}?play=run`);
+    location.assign(session.view_url + query);
   } catch (problem) {
     trouble(place, problem.message);
   }

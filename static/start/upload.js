@@ -1,17 +1,15 @@
-// How do files come in? Chosen or dropped, told apart by their names and, for JSON, by what is in them; one after the
-// other, each with a bar that shows how much of it has been sent, then with what the server read or its own sentence.
+// How do files come in? Chosen or dropped, told apart by `files/sorting.js`; one after the other, each with a bar that
+// shows how much of it has been sent, then with what the server read or its own sentence.
 
-import { byId, copyOf, setAttributes, setText } from "../session/dom.js";
+import { chosen, dropped } from "../files/dropped.js";
+import { sorted } from "../files/sorting.js";
+import { byId, copyOf, setAttributes, setName, setText } from "../session/dom.js";
 import { trouble } from "./confirm.js";
 import { aboutModel, aboutRecording, aboutScan, bytes } from "./format.js";
-import { chooseModel, chooseScan, setPrior, setRegion } from "./new_session.js";
+import { chooseModel, chooseScan, chooseScans, setPrior, setRegion } from "./new_session.js";
 import { refresh } from "./stored.js";
 
-const KINDS = {
-  models: { suffixes: ["urdf", "xml", "zip"], about: aboutModel },
-  scans: { suffixes: ["png", "pcd", "ply", "xyz", "txt", "npy", "npz"], about: aboutScan },
-  recordings: { suffixes: ["sqlite", "sqlite3", "db"], about: aboutRecording },
-};
+const ABOUT = { models: aboutModel, scans: aboutScan, recordings: aboutRecording };
 const KNOWN =
   "a URDF or zip, a scan (PNG, PCD, PLY, XYZ, NPY, NPZ), a camera.json or prior.json, or a recording (SQLite)";
 
@@ -19,11 +17,12 @@ let queue = Promise.resolve();
 
 export function takeFiles() {
   const drop = byId("drop");
-  const input = byId("files");
-  input.addEventListener("change", () => {
-    take([...input.files]);
-    input.value = ""; // the same file can be chosen again
-  });
+  for (const input of [byId("files"), byId("folder")]) {
+    input.addEventListener("change", () => {
+      take(chosen(input));
+      input.value = ""; // the same file can be chosen again
+    });
+  }
   // Beside the drop zone too: a browser would leave the page to show a file that missed it.
   let over = 0;
   const mark = (change) => {
@@ -38,54 +37,32 @@ export function takeFiles() {
     if (!carries(event)) return;
     event.preventDefault();
     mark(-over);
-    take([...event.dataTransfer.files]);
+    dropped(event.dataTransfer).then(take);
   });
   byId("camera-text").addEventListener("input", aboutCamera);
   aboutCamera();
 }
 
+// Files { path, file } that came together. Those of a whole session open it, where nothing else is asked for.
 async function take(files) {
-  const cameras = new Map();
-  const others = [];
-  for (const file of files) {
-    if (suffix(file) === "json") await readJson(file, cameras);
-    else others.push(file);
-  }
-  // models first: a scan alone makes no session
-  const order = Object.keys(KINDS);
-  const known = others.map((file) => [kindOf(file), file]);
-  known.sort(([a], [b]) => order.indexOf(a) - order.indexOf(b));
-  for (const [kind, file] of known) {
-    const row = addRow(file);
-    if (!kind) refuse(row, `'${file.name}' is none of the files this page takes: ${KNOWN}.`, false);
-    else enqueue(row, kind, file, cameras.get(stem(file)), files.length === 1);
-  }
-}
-
-function kindOf(file) {
-  return Object.keys(KINDS).find((kind) => KINDS[kind].suffixes.includes(suffix(file)));
-}
-
-const suffix = (file) => file.name.split(".").pop().toLowerCase();
-const stem = (file) => file.name.replace(/\.[^.]*$/, "");
-
-// A camera goes with the scan of the same name, else with all scans from now on.
-async function readJson(file, cameras) {
-  const text = await file.text();
-  let members = null;
-  try {
-    members = JSON.parse(text);
-  } catch {
-    refuse(addRow(file), `'${file.name}' is not JSON.`, false);
-    return;
-  }
-  if (members && "fx" in members) {
-    cameras.set(stem(file), text);
-    byId("camera-text").value = text;
+  const found = await sorted(files);
+  if (found.cameras.length === 1) {
+    byId("camera-text").value = found.cameras[0].text; // of scans to come, too
     aboutCamera();
-  } else if (members && "kind" in members) setPrior(text);
-  else if (members && Array.isArray(members.roi ?? members.region)) setRegion(members.roi ?? members.region);
-  else refuse(addRow(file), `'${file.name}' is neither a camera (it has no fx), nor a prior (it has no kind).`, false);
+  }
+  for (const text of found.priors) setPrior(text);
+  for (const box of found.regions) setRegion(box);
+  for (const [name, sentence] of found.refused) {
+    refuse(addRow(name), sentence ?? `'${name}' is none of the files this page takes: ${KNOWN}.`, false);
+  }
+  const alone = found.uploads.length === 1 && files.length === 1;
+  const coming = found.uploads.map(({ kind, path, file, camera }) => enqueue(addRow(path), kind, file, camera, alone));
+  const kinds = new Set(found.uploads.map(({ kind }) => kind));
+  if (found.refused.length || !kinds.has("models") || !kinds.has("scans")) return;
+  const entries = await Promise.all(coming);
+  if (!entries.every(Boolean) || byId("advanced").open) return;
+  chooseScans(entries.filter((_, at) => found.uploads[at].kind === "scans").map(({ id }) => id));
+  byId("create").requestSubmit();
 }
 
 function aboutCamera() {
@@ -99,10 +76,10 @@ function aboutCamera() {
   setText(byId("camera-about"), about);
 }
 
-function addRow(file) {
+function addRow(path) {
   const row = copyOf("upload");
-  setText(row.querySelector(".file"), file.name);
-  row.querySelector("progress").setAttribute("aria-label", `Upload of ${file.name}`);
+  setName(row.querySelector(".file"), path);
+  row.querySelector("progress").setAttribute("aria-label", `Upload of ${path}`);
   row.querySelector(".away").addEventListener("click", () => {
     row.request?.abort();
     row.gone = true;
@@ -120,21 +97,27 @@ function away(row, word) {
   button.setAttribute("aria-label", `${word} ${row.querySelector(".file").textContent}`);
 }
 
+// The server's entry, or null where it was not taken in at the first try.
 function enqueue(row, kind, file, camera, alone) {
   trouble(row.querySelector(".trouble"), "");
   away(row, "Cancel");
   setAttributes(row, { "data-state": "waiting" });
   setText(row.querySelector(".progress-word"), "waiting");
-  queue = queue.then(async () => {
-    if (row.gone) return;
+  const done = queue.then(async () => {
+    if (row.gone) return null;
     const text = camera ?? byId("camera-text").value.trim();
     try {
-      await landed(row, kind, file, await send(row, kind, file, text), alone);
+      const entry = await send(row, kind, file, text);
+      await landed(row, kind, file, entry, alone);
+      return entry;
     } catch (problem) {
       const again = refuse(row, problem.message);
       again.onclick = () => enqueue(row, kind, file, undefined, alone);
+      return null;
     }
   });
+  queue = done;
+  return done;
 }
 
 // XMLHttpRequest, as fetch tells nothing of how much has been sent.
@@ -179,7 +162,7 @@ async function landed(row, kind, file, entry, alone) {
   row.querySelector("progress").value = 1;
   setText(row.querySelector(".progress-word"), bytes(file.size));
   const result = row.querySelector(".result");
-  setText(result, KINDS[kind].about(entry));
+  setText(result, ABOUT[kind](entry));
   result.hidden = false;
   away(row, "Dismiss");
   if (kind === "recordings") {

@@ -55,7 +55,7 @@ def test_each_layer_draws_its_own() -> None:
         "part": "drawer1",
         "edge": ["frame", "drawer2"],
         "region": [-1, -1, 0, 1, 1, 1],
-        "prior": default_prior(model, scene().snapshots[-1].result["links"]),
+        "prior": default_prior(model, scene().snapshots[-1].result["links"], None),
     }
     for layer, expected in alone.items():
         assert tops(drawn(only(layer, **chosen))) == expected, layer

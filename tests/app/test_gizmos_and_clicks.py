@@ -7,9 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.viewer.gizmos import HIGH, LOW, PRIOR, default_prior, default_region, dragged_prior, dragged_region
+from app.viewer.gizmos import (
+    HIGH,
+    LOW,
+    PRIOR,
+    default_prior,
+    default_region,
+    dragged_prior,
+    dragged_region,
+    proposal_at,
+)
 from app.viewer.picking import AIM, picked
-from app.viewer.scene_frame import Handle, Lines
+from app.viewer.scene_frame import Handle, Label, Lines
 from pmpnbp.geometry import poses
 from tests.app.scenes import drawn, estimated, only, scene, shown
 
@@ -28,12 +37,45 @@ def test_region_and_prior_can_be_dragged() -> None:
 
     made = scene().snapshots[-1]
     assert default_region(made.problem.observation) == pytest.approx(made.problem.observation.roi, abs=1e-4)
-    prior = default_prior(scene().stage.model, made.result["links"])
+    prior = default_prior(scene().stage.model, made.result["links"], None)
     handle = shown(Handle, drawn(only("prior", prior=prior)), PRIOR)
     np.testing.assert_allclose(handle.pose, estimated(made)[0], atol=1e-6)
     moved = poses.from_xyz_rpy([1.0, 2.0, 3.0], [0.0, 0.0, 0.5])
     handle = shown(Handle, drawn(only("prior", prior=dragged_prior(prior, moved))), PRIOR)
     np.testing.assert_allclose(handle.pose, moved, atol=1e-5)
+
+
+def test_a_prior_that_nobody_has_set_is_laid_into_the_region() -> None:
+    made, region = scene().snapshots[-1], (1.0, 2.0, 3.0, 2.0, 3.0, 5.0)
+    prior = default_prior(scene().stage.model, made.result["links"], region)
+    found = drawn(only("prior", prior=prior))
+    corners = np.concatenate(
+        [
+            poses.transform_points(line.pose, line.segments.reshape(-1, 3))
+            for line in found.nodes
+            if isinstance(line, Lines) and line.name.startswith("/prior/edges/")
+        ]
+    )
+    # the whole object is drawn, its joints at rest
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    np.testing.assert_allclose(middle, [1.5, 2.5, 4.0], atol=0.02)
+    where = made.result["links"][prior["link"]]["pose"]["orientation"]
+    assert prior["pose"]["orientation"] == pytest.approx(where, abs=1e-5)
+
+
+def test_regions_are_offered_and_a_click_takes_the_one_in_front() -> None:
+    near, far = (0.0, -0.5, 0.0, 1.0, 0.5, 1.0), (3.0, -0.5, 0.0, 4.0, 0.5, 1.0)
+    found = drawn(only("region", proposals=(near, far), region=near))
+    names = {node.name for node in found.nodes}
+    assert {"/proposals/2", "/region/box"} <= names and "/proposals/1" not in names  # the chosen one is drawn once
+    assert [shown(Label, found, f"/proposals/{number}/number").text for number in (1, 2)] == ["1", "2"]
+    np.testing.assert_allclose(shown(Label, found, "/proposals/2/number").pose[:3], [3.5, 0.0, 1.0])
+    eye, ahead = np.array([-1.0, 0.0, 0.5]), np.array([1.0, 0.0, 0.0])
+    assert proposal_at([far, near], eye, ahead) == near
+    assert proposal_at([far, near], eye, -ahead) is None  # behind it
+    assert proposal_at([far, near], np.array([2.0, 0.0, 0.5]), ahead) == far
+    assert proposal_at([far, near], np.array([0.5, 0.0, 9.0]), np.array([0.0, 0.0, -1.0])) == near
+    assert proposal_at([], eye, ahead) is None
 
 
 def test_a_click_picks_the_particle_it_is_aimed_at() -> None:

@@ -36,6 +36,7 @@ ALL = {
     "theme": "dark",
     "camera": {"position": [1, 2, 3], "look_at": [0, 0, 0.5], "up": [0, 0, 1]},
     "region": [-1, -1, 0, 1, 1, 2],
+    "proposals": [[-1, -1, 0, 1, 1, 2], [2, 2, 0, 3, 3, 1]],
     "prior": PRIOR,
     "hidden": True,
     "economy": True,

@@ -41,6 +41,24 @@ def test_a_scan_is_given_to_a_session(page: Page, served: Served, choice: str, m
     expect(page.get_by_role("list", name="Marks").get_by_text("the search begins again")).to_be_attached()
 
 
+def test_a_scan_comes_from_a_file_with_its_camera(page: Page, served: Served, troubles: Troubles) -> None:
+    session = small.after(served.client, 1)
+    first = served.client.get(session).json()["scan_ids"]
+    opened(page, served, session)
+    form = tab(page, "Settings").locator("#new-scan")
+    files = form.get_by_label("or from a file, with its camera.json")
+    folder = small.CABINET / "second_view"
+    troubles.expect("422")
+    files.set_input_files([folder / "depth.png"])
+    expect(form.get_by_role("alert")).to_contain_text("needs a camera file")
+    files.set_input_files([folder / "truth.json"])
+    expect(form.get_by_role("alert")).to_contain_text("There is no scan among these files")
+    files.set_input_files([folder / "depth.png", folder / "camera.json"])
+    expect(page.get_by_role("list", name="Marks").get_by_text("after iteration 1 a view was added")).to_be_attached()
+    assert len(served.client.get(session).json()["scan_ids"]) == len(first) + 1
+    expect(form.get_by_role("alert")).to_have_count(0)
+
+
 def test_what_the_server_says_is_shown(page: Page, served: Served, troubles: Troubles) -> None:
     """The scan is gone by the time that it is asked for."""
     session, later = small.after(served.client, 2), small.upload_scan(served.client, "arm")

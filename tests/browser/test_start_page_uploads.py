@@ -23,6 +23,7 @@ expect.set_options(timeout=PATIENCE)
 def test_files_are_chosen_and_become_a_session(page: Page, served: Served) -> None:
     page.goto(served.url)
     expect(page.get_by_text("No session yet")).to_be_visible()
+    page.get_by_text("Advanced:").click()  # there is more to ask for: the page does not go on by itself
     page.get_by_label("Choose files").set_input_files([DEPTH, CAMERA, URDF])
     uploads = page.get_by_role("list", name="Uploads")
     expect(uploads.get_by_text("7 links, 6 joints, 4 parts")).to_be_visible()
@@ -39,14 +40,15 @@ def test_files_are_chosen_and_become_a_session(page: Page, served: Served) -> No
     expect(page.get_by_label("x from, metres")).to_have_value(f"{scan['bounds'][0]:.3f}")
     for label, number in zip(("x from", "y from", "z from", "x to", "y to", "z to"), small.ROI, strict=True):
         page.get_by_label(f"{label}, metres").fill(str(number))
-    page.get_by_text("Inference:").click()
     page.get_by_label("Method").select_option("particle filter")
     page.get_by_label("Preset").select_option("paper")
     page.get_by_label("Particles per part").fill("30")
     page.get_by_label("Iterations", exact=True).fill("12")
     page.get_by_label("Seed").fill("5")
-    expect(page.get_by_text("Inference:")).to_contain_text("particle filter, paper, 30 particles, 12 iterations")
-    page.get_by_role("button", name="Create session").click()
+    expect(page.get_by_role("group", name="Inference")).to_contain_text(
+        "particle filter, paper, 30 particles, 12 iterations"
+    )
+    page.get_by_role("button", name="Next: where is it?").click()
     id = arrived(page)
     found = served.client.get(f"/api/v1/sessions/{id}").json()
     assert (found["name"], found["model_id"], found["scan_ids"]) == ("made by hand", model["id"], [scan["id"]])
@@ -82,15 +84,16 @@ def test_files_are_dropped_wherever_it_is_on_the_page(page: Page, served: Served
     assert json.loads(page.get_by_label("prior.json", exact=True).input_value()) == prior
     expect(page.get_by_label("z to, metres")).to_have_value(str(small.ROI[5]))
     # a scan is missing, and the page says so before the server has to
-    page.get_by_role("button", name="Create session").click()
+    page.get_by_role("button", name="Next: where is it?").click()
     expect(page.locator("#create-trouble")).to_have_text(re.compile("A scan is missing"))
     scan_id = small.upload_scan(served.client)
     page.reload()
     page.locator(f"input[value='{scan_id}']").check()
+    page.get_by_text("Advanced:").click()
     page.get_by_label("about where I say").check()
     page.get_by_label("or from a file").set_input_files(SCENE / "prior.json")
     expect(page.get_by_label("prior.json", exact=True)).to_have_value((SCENE / "prior.json").read_text())
-    page.get_by_role("button", name="Create session").click()
+    page.get_by_role("button", name="Next: where is it?").click()
     assert served.client.get(f"/api/v1/sessions/{arrived(page)}").json()["prior"]["link"] == prior["link"]
 
 
@@ -150,6 +153,7 @@ def test_a_wrong_file_is_told_in_the_servers_words(
     small.upload_model(served.client)
     page.reload()
     page.get_by_role("checkbox", name="depth.png").check()
+    page.get_by_text("Advanced:").click()
     for label in ("x from", "y from", "z from", "x to", "y to", "z to"):
         page.get_by_label(f"{label}, metres").fill("70")
     asked = {
@@ -158,10 +162,10 @@ def test_a_wrong_file_is_told_in_the_servers_words(
         "roi": [70] * 6,
     }
     said = served.client.post("/api/v1/sessions", json=asked).json()["detail"]
-    page.get_by_role("button", name="Create session").click()
+    page.get_by_role("button", name="Next: where is it?").click()
     expect(page.locator("#create-trouble")).to_have_text(said)
     page.get_by_label("z to, metres").fill("")
-    page.get_by_role("button", name="Create session").click()
+    page.get_by_role("button", name="Next: where is it?").click()
     expect(page.locator("#create-trouble")).to_contain_text("5 of its 6 numbers")
     assert sessions(served) == []
 

@@ -1,0 +1,69 @@
+"""Regions of interest: what stands in a session's scans, and may be what it looks for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Request
+from pydantic import BaseModel, Field
+
+from app.problems import responses
+from app.routes.parameters import SourceId, sessions_of
+from app.routes.turns import LongTurnRoute
+from pmpnbp.scene.regions import propose_regions
+
+router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["sessions"], route_class=LongTurnRoute)
+
+
+class ProposedRegion(BaseModel):
+    """A thing that stands in the scans."""
+
+    roi: list[float] = Field(
+        description="x0 y0 z0 x1 y1 z1, metres in world: the box around its points, 5 cm larger on every side",
+        min_length=6,
+        max_length=6,
+        examples=[[-0.1, -0.2, -0.1, 0.9, 0.7, 0.9]],
+    )
+    size: list[float] = Field(
+        description="metres, without the 5 cm: its height, and the longer and the shorter side of its footprint",
+        min_length=3,
+        max_length=3,
+        examples=[[0.74, 0.69, 0.48]],
+    )
+    points: float = Field(description="share of the measured points that are its, 0 to 1", examples=[0.3])
+    unlikeness: float = Field(
+        description="by how much its size is unlike the model's over its joints' ranges; 0 for not at all",
+        examples=[0.0],
+    )
+
+
+class ProposedRegions(BaseModel):
+    """What stands there."""
+
+    regions: list[ProposedRegion] = Field(description="the likest the model first; empty where nothing stands out")
+
+
+@router.get(
+    "/regions", response_model=ProposedRegions, summary="What stands in its scans", responses=responses(404, 409)
+)
+def get_regions(session_id: SourceId, request: Request) -> Any:
+    """The things that stand out of floor, walls and table tops in the session's scans, at most six: boxes for `roi`.
+    They are told by their places and sizes alone, so that a person or a program has to choose. A large thing, or one
+    that touches others, may come in pieces or with its neighbours."""
+    source = sessions_of(request).get(session_id)
+    problem = source.archive.read().problem
+    # a scan that does not see the present region is in no view; a recording has no ids for its scans
+    count = len(source.status()["scan_ids"]) or len(problem.observation.views)
+    scans = [source.scan(view)[1] for view in range(count)]
+    found = propose_regions(scans, problem.mrf.model)
+    return {
+        "regions": [
+            {
+                "roi": one.roi.round(4).tolist(),
+                "size": one.size.round(4).tolist(),
+                "points": one.points,
+                "unlikeness": one.unlikeness,
+            }
+            for one in found
+        ]
+    }

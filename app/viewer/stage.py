@@ -24,8 +24,8 @@ from pmpnbp.scene.observe import pixel_categories
 
 # A part of more triangles than this is drawn by its inference mesh: every one of them goes to the browser.
 MOST_TRIANGLES = 20_000
-# In a coarse cloud every so many rows and columns of the image are: of what may be the object, of what is around it.
-STRIDES = 1, 3
+# In a coarse cloud one pixel of each square of so many is: of what may be the object, of what is around it.
+STRIDES = 1, 2
 # Half a support plane's square, as a share of the object's size.
 SQUARE = 1.2
 # Of the lines along a part's edges, the longest.
@@ -49,7 +49,7 @@ class Shape:
 @dataclass(frozen=True)
 class Cloud:
     """Some points of a scan. which : (P,) their numbers in it; points : (P, 3) world
-    coarse : (P,) bool, those in every `stride`-th row and column of the image, which show the same, less finely
+    coarse : (P,) bool, one of each square of `stride` × `stride` pixels, which show the same, less finely
     depth_colours, plain_colours : (P, 3), for each theme"""
 
     which: NDArray[np.intp]
@@ -112,18 +112,29 @@ def _clouds(scan: ScanPoints, category: NDArray[np.uint8]) -> tuple[Cloud, Cloud
     """The points that may be the object, and all others."""
     inner, outer = STRIDES
     own, others = np.flatnonzero(category == OBJECT), np.flatnonzero(category != OBJECT)
-    return _cloud(scan, own, inner), _cloud(scan, others, outer)
+    return (_cloud(scan, own, inner, scan.depth_colours), _cloud(scan, others, outer, scan.around_colours))
 
 
-def _cloud(scan: ScanPoints, which: NDArray[np.intp], stride: int) -> Cloud:
+def _cloud(scan: ScanPoints, which: NDArray[np.intp], stride: int, depth_colours: Mapping[Theme, Bytes]) -> Cloud:
     return Cloud(
         which,
-        (np.argwhere(scan.measured)[which] % stride == 0).all(axis=1),
+        _one_of_each_square(scan.measured.shape, stride)[scan.measured][which],
         stride,
         scan.points[which],
-        {theme: scan.depth_colours[theme][which] for theme in THEMES},
+        {theme: depth_colours[theme][which] for theme in THEMES},
         {theme: scan.plain_colours[theme][which] for theme in THEMES},
     )
+
+
+def _one_of_each_square(shape: tuple[int, ...], stride: int) -> NDArray[np.bool_]:
+    """(h, w): of each square of `stride` × `stride` pixels any one. Always the same one would make a pattern that the
+    picture's own pixels turn into moiré."""
+    down, across = np.indices(shape)
+    squares = tuple(-(-side // stride) for side in shape)
+    chosen = np.random.default_rng(0).integers(stride * stride, size=squares)
+    at = stride * (down % stride) + across % stride
+    kept: NDArray[np.bool_] = at == chosen[down // stride, across // stride]
+    return kept
 
 
 def _shape(part: Part) -> Shape:

@@ -12,6 +12,7 @@ from scipy.stats import special_ortho_group
 from app.viewer.ellipsoids import ellipsoids, radius_scale
 from app.viewer.frames import BEST, frame
 from app.viewer.gizmos import default_prior
+from app.viewer.particles import WEIGHTLESS
 from app.viewer.scan_points import fits
 from app.viewer.scene_frame import Axes, Ellipsoids, Frustum, Label, Lines, Points, SceneFrame, Surface
 from app.viewer.view_state import LAYERS, ViewState
@@ -106,22 +107,60 @@ def test_what_does_not_change_is_the_same_object() -> None:
 def test_particles_are_where_the_belief_has_them() -> None:
     whole, found = scene(), drawn(only("particles"))
     belief = whole.snapshots[-1].report.belief
-    assert found.particles == dict.fromkeys(NAMES, 40) and found.iteration == 5
+    assert found.iteration == 5 and found.particles == {name: len(heavy(number)) for number, name in enumerate(NAMES)}
     for number, colour in enumerate(PART_COLOURS[:4]):
-        points = shown(Points, found, f"/particles/{number}")
-        assert points.points.dtype == np.float32 and points.exact
-        np.testing.assert_allclose(points.points, belief.poses[number, :, :3], atol=1e-6)
-        assert tuple(points.colours) == rgb(colour)
+        clouds = of_a_part(found, number)
+        assert all(cloud.points.dtype == np.float32 and cloud.exact for cloud in clouds)
+        assert all(tuple(cloud.colours) == rgb(colour) for cloud in clouds)
+        places = np.concatenate([cloud.points for cloud in clouds])
+        expected = belief.poses[number, heavy(number), :3]
+        np.testing.assert_allclose(sorted(places.tolist()), sorted(expected.tolist()), atol=1e-6)
+
+
+def of_a_part(found: SceneFrame, number: int) -> list[Points]:
+    """The clouds of a part's particles, that of the heaviest first."""
+    return [node for node in found.nodes if isinstance(node, Points) and node.name.startswith(f"/particles/{number}/")]
+
+
+def heavy(number: int) -> np.ndarray:
+    """Numbers of a part's particles that weigh more than a particle of weight zero."""
+    log_weights = scene().snapshots[-1].report.belief.log_weights[number]
+    return np.flatnonzero(log_weights >= log_weights.max() - WEIGHTLESS)
+
+
+def test_the_heavier_a_particle_the_larger_and_none_of_weight_zero() -> None:
+    whole = scene()
+    newest = whole.snapshots[-1]
+    belief = newest.report.belief
+    log_weights = belief.log_weights.copy()
+    # of the first part one of each size, and two of no weight
+    log_weights[0] = -np.inf
+    log_weights[0, :4] = np.log([0.7, 0.02, 0.0004, 1e-7])
+    told = replace(newest, report=replace(newest.report, belief=replace(belief, log_weights=log_weights)))
+    found = frame(told, only("particles"), whole.stage)
+    clouds = of_a_part(found, 0)
+    for cloud, particle in zip(clouds, range(3), strict=True):
+        np.testing.assert_allclose(cloud.points, belief.poses[0, particle : particle + 1, :3], atol=1e-6)
+    sizes = [cloud.size for cloud in clouds]
+    assert sizes == sorted(sizes, reverse=True) and len(set(sizes)) == 3
+    assert found.particles["frame"] == 3
+    # what is not there cannot be clicked
+    assert np.isfinite(found.targets.particles[0, :3]).all() and np.isnan(found.targets.particles[0, 3:]).all()
+    # where nothing has a weight, as before the first one is given, all are there
+    log_weights[1] = -np.inf
+    assert frame(told, only("particles"), whole.stage).particles["drawer1"] == 40
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_lighter_particles_are_paler(theme: str) -> None:
     belief = scene().snapshots[-1].report.belief
-    found = shown(Points, drawn(only("particles", colour_particles="weight", theme=theme)), "/particles/1")
+    clouds = of_a_part(drawn(only("particles", colour_particles="weight", theme=theme)), 1)
     ground = np.array([243, 244, 246] if theme == "light" else [20, 24, 31])
-    distance = np.linalg.norm(found.colours.astype(float) - ground, axis=1)
-    order = np.argsort(belief.log_weights[1])
-    assert (np.diff(distance[order]) > -3).all()  # but for rounding to eight bits
+    colour_at = {tuple(p): c for cloud in clouds for p, c in zip(cloud.points.tolist(), cloud.colours, strict=True)}
+    places = belief.poses[1, :, :3].astype(np.float32).tolist()
+    order = heavy(1)[np.argsort(belief.log_weights[1, heavy(1)])]
+    distance = {n: np.linalg.norm(colour_at[tuple(places[n])].astype(float) - ground) for n in order}
+    assert (np.diff([distance[n] for n in order]) > -3).all()  # but for rounding to eight bits
     assert distance[order[-1]] > 2 * distance[order[0]] > 0
 
 
@@ -297,7 +336,7 @@ def test_a_scans_points_are_where_its_pixels_are() -> None:
 
 def test_economy_leaves_out_points_around_the_object_only() -> None:
     whole, sparing = (drawn(only("scan", economy=economy)) for economy in (False, True))
-    for name, kept in (("object", 1.0), ("around", 1 / 9)):
+    for name, kept in (("object", 1.0), ("around", 1 / 4)):
         every, some = (shown(Points, found, f"/scan/0/{name}") for found in (whole, sparing))
         assert len(some.points) == pytest.approx(kept * len(every.points), rel=0.05)
         assert {tuple(point) for point in some.points} <= {tuple(point) for point in every.points}
@@ -315,13 +354,17 @@ def test_the_frustum_is_the_scans_camera() -> None:
 def test_the_messages_of_an_edge_are_both_drawn_and_told_apart() -> None:
     found = drawn(only("messages", edge=["drawer2", "frame"]))
     messages = scene().snapshots[-1].report.messages
-    assert messages is not None and {node.name for node in found.nodes} == {"/messages/0-2", "/messages/2-0"}
+    assert messages is not None
+    assert {node.name.rsplit("/", 1)[0] for node in found.nodes} == {"/messages/0-2", "/messages/2-0"}
     colours = []
     for number, (sender, receiver) in enumerate(zip(messages.sender, messages.receiver, strict=True)):
         if {sender, receiver} == {0, 2}:
-            points = shown(Points, found, f"/messages/{sender}-{receiver}")
-            np.testing.assert_allclose(points.points, messages.poses[number, :, :3], atol=1e-6)
-            colours.append(tuple(points.colours[messages.log_weights[number].argmax()]))
+            places = messages.poses[number, :, :3].astype(np.float32)
+            clouds = [shown(Points, found, f"/messages/{sender}-{receiver}/{size}") for size in range(3)]
+            drawn_ones = {tuple(point) for cloud in clouds for point in cloud.points.tolist()}
+            assert drawn_ones <= {tuple(place) for place in places.tolist()}
+            heaviest = places[messages.log_weights[number].argmax()].tolist()
+            colours.append(tuple(clouds[0].colours[clouds[0].points.tolist().index(heaviest)]))
     assert set(colours) == {rgb(PART_COLOURS[0]), rgb(PART_COLOURS[2])}
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from app.viewer import scan_points
 from app.viewer.candidates import candidates
+from app.viewer.coordinates import coordinates
 from app.viewer.ellipsoids import ellipsoid, ellipsoids
 from app.viewer.emphasis import FADED, INK, QUIET, faded, mixed, paled
 from app.viewer.gizmos import ACCENT, gizmos
@@ -33,7 +34,7 @@ BEST = 24
 # Sizes as shares of the object's.
 POINT, MESSAGE_POINT, AXIS, FRUSTUM, MARK = 0.006, 0.010, 0.06, 0.10, 0.008
 # Of a scan's points, as a share of the space between two: of the object, where the estimate shows between them, and
-# around it. Where the processor draws they are squares, and around the object finer: it is a point's area that takes time.
+# around it. Where the processor draws they are squares, and those around the object smaller: area takes time.
 SPACED, SPARED = (0.55, 1.1), 0.7
 # How opaque: the estimate lets its particles shine through, where there are some.
 ESTIMATE, WITH_PARTICLES, FAINT, GHOST, SUPPORT, ELLIPSOID = 0.94, 0.74, 0.12, 0.22, 0.30, 0.6
@@ -100,6 +101,7 @@ def frame(
     if compared is not None:
         nodes += _compared(*compared, state)
     nodes += gizmos(stage, state)
+    nodes += coordinates(stage, state, part_poses)
     belief = snapshot.report.belief
     drawn = weighs(belief.log_weights)
     counts = dict(zip(names, drawn.sum(axis=1).tolist(), strict=True)) if show.particles else {}
@@ -160,10 +162,11 @@ def _posed(
         if shape is None:
             continue
         colour, part_opacity = painted[number], opacity * (FADED if pale[number] else 1.0)
-        yield Surface(f"{name}/{number}", shape.vertices, shape.faces, part_poses[number], colour, part_opacity)
         chosen = stage.model.parts[number].name == state.part
         line = mixed(colour, INK[state.theme], 0.35)
-        line = paled(line, state.theme) if pale[number] else line
+        if pale[number]:
+            colour, line = paled(colour, state.theme), paled(line, state.theme)
+        yield Surface(f"{name}/{number}", shape.vertices, shape.faces, part_poses[number], colour, part_opacity)
         yield Lines(f"{name}/{number}/edges", shape.edges, line, 2.5 if chosen else 1.25)
 
 

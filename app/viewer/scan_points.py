@@ -32,7 +32,7 @@ MOST = 80_000
 
 # From near to far: what is far recedes into the background. What cannot be the object is neutral, and further from ink.
 NEAR_FAR: Mapping[Theme, tuple[str, str]] = {"light": ("#6f86a3", "#b9c6d6"), "dark": ("#a9b8c9", "#46535f")}
-AROUND: Mapping[Theme, tuple[str, str]] = {"light": ("#a3a8ae", "#cdd0d4"), "dark": ("#767b82", "#363b41")}
+AROUND: Mapping[Theme, tuple[str, str]] = {"light": ("#a3a8ae", "#cdd0d4"), "dark": ("#767b82", "#434950")}
 PLAIN: Mapping[Theme, str] = {"light": "#a9b3be", "dark": "#6d7986"}
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from app.viewer.ruler import Ruler, ruler
 from app.viewer.scan_points import ScanPoints
 from app.viewer.scene_frame import Bytes, Floats
 from app.viewer.view_state import THEMES, Eye, Theme
@@ -65,7 +66,7 @@ class Stage:
     """problem : whose stage it is; model : its object; shapes : None for a part without geometry
     scans : one per view; categories : (P,) of each scan's points, as `View.category`
     clouds : of each scan what may be the object, and what is around it
-    planes : (4, 3) corners of a square in each support plane
+    planes : (4, 3) corners of a square in each support plane; ruler : None where nothing may be the object
     up : (3,) world; eye : where the view begins; size : metres, about that of the object"""
 
     problem: Problem
@@ -75,6 +76,7 @@ class Stage:
     categories: tuple[NDArray[np.uint8], ...]
     clouds: tuple[tuple[Cloud, Cloud], ...]
     planes: tuple[Floats, ...]
+    ruler: Ruler | None
     up: Array
     eye: Eye
     size: float
@@ -90,7 +92,10 @@ def stage(problem: Problem, scans: tuple[ScanPoints, ...]) -> Stage:
     eye, size = _eye(observation), object_size(model)
     planes = tuple(_square(plane, np.array(eye.look_at), SQUARE * size) for plane in observation.planes)
     shapes = tuple(_shape(part) if part.visible else None for part in model.parts)
-    return Stage(problem, model, shapes, scans, categories, clouds, planes, observation.up, eye, size)
+    own = np.concatenate([one.points for one, _ in clouds]) if clouds else np.zeros((0, 3))
+    ahead = poses.rotate(observation.views[0].camera.pose_world_camera[3:], np.array([0.0, 0.0, 1.0]))
+    measure = ruler(own.astype(np.float64), observation.planes, observation.up, ahead, size)
+    return Stage(problem, model, shapes, scans, categories, clouds, planes, measure, observation.up, eye, size)
 
 
 def object_size(model: ArticulatedObject) -> float:

@@ -121,6 +121,12 @@ class Estimate:
         return verdict(self._members)
 
     @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Name and position of each joint in words, cm or degrees, with the central 90 %; of an object without joints
+        of its links, metres."""
+        return _rows(self)
+
+    @property
     def summary(self) -> str:
         """Three lines: the verdict, where the joints stand with their central 90 %, and what to do next."""
         rows = _rows(self)

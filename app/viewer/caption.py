@@ -33,7 +33,7 @@ _STYLE = """<style>
 .caption i { flex: none; width: 16px; height: 9px; border-radius: 2px; }
 .caption i.line { height: 2px; }
 .caption i.ellipsoid, .caption i.points { width: 10px; margin: 0 3px; border-radius: 50%; }
-@media (max-width: 600px) { .caption { max-height: 45%; } }
+@media (max-width: 600px) { .caption { max-height: 34%; } }
 </style>"""
 # Of what has no one colour.
 _QUIET = "#8b97a6"
@@ -47,7 +47,7 @@ def captioned(page: str, theme: Theme, name: str, result: Mapping[str, Any], leg
         f"<tr><th scope=row>{escape(what)}</th><td>{escape(where)}</td></tr>" for what, where in estimate.rows
     )
     lines = "".join(_line(entry) for entry in legend)
-    ninety = ", in brackets the central 90 %" if estimate.fit is not None else ""
+    ninety = ", in brackets the central 90&nbsp;%" if estimate.fit is not None else ""
     caption = (
         f'<details class=caption style="color-scheme:{theme}" open>'
         f"<summary><h1>{escape(name)}</h1></summary>"

@@ -32,7 +32,7 @@ _RECONNECT = "<script>document.hasFocus = () => true;</script>"
 # moves nothing in the picture: of a point only the depth changes that surfaces are compared with.
 _POINTS_BEHIND = """<script>
 {
-  const FARTHER = "0.006";
+  const FARTHER = "0.008";
   const source = WebGL2RenderingContext.prototype.shaderSource;
   WebGL2RenderingContext.prototype.shaderSource = function (shader, text) {
     const behind = `gl_Position.z -= ${FARTHER} * projectionMatrix[3][2];`;

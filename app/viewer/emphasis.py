@@ -14,7 +14,7 @@ INK: Mapping[Theme, Colour] = {"light": rgb(palette.INK), "dark": rgb("#e8ebef")
 QUIET: Mapping[Theme, Colour] = {"light": rgb("#7b8694"), "dark": rgb("#8b97a6")}
 
 # Of a part that is not selected while another one is: its opacity as a share, and its colour's way to the background.
-FADED, PALED = 0.55, 0.5
+FADED, PALED = 0.75, 0.6
 
 
 def faded(stage: Stage, state: ViewState) -> tuple[bool, ...]:

@@ -61,7 +61,7 @@ def legend(scene: SceneFrame, state: ViewState, part_colours: Sequence[Colour]) 
         if layer == "scan" and layer in drawn:
             entries += _scan(state)
         elif layer in drawn and layer != "estimate":
-            text = _declared(layer).format(confidence=state.confidence)
+            text = _declared(layer).format(confidence=f"{100 * state.confidence:.0f} %")
             entries.append(LegendEntry(text=text, sign=_SIGNS[layer], colours=_colours(layer, state.theme)))
     if "compare" in drawn:
         entries.append(_entry("what it is compared with", "surface", QUIET[state.theme]))

@@ -58,11 +58,13 @@ def framed(points: Array, towards: Array, up: Array, aspect: float) -> Eye:
 
 
 def _to_be_seen(part_poses: Array, state: ViewState, stage: Stage) -> Array:
-    """(P, 3): the corners of the region where it is shown, else points of the parts' surfaces."""
+    """(P, 3): the corners of the region where it is shown, else of the parts' boxes, with the ruler."""
     if state.show.region and state.region is not None:
         return _box(np.array(state.region[:3]), np.array(state.region[3:]))
     shapes = zip(stage.shapes, part_poses, strict=True)
     found = [poses.transform_points(pose, _corners(shape)) for shape, pose in shapes if shape is not None]
+    if state.show.ruler and stage.ruler is not None:
+        found.append(stage.ruler.segments.reshape(-1, 3).astype(np.float64))
     return np.concatenate(found)
 
 

@@ -16,9 +16,11 @@ from pmpnbp.geometry.poses import Array
 # Metres that a ruler can be long, and from mark to mark; it is the longest that is no longer than the object.
 LENGTHS = ((0.05, 0.01), (0.1, 0.02), (0.2, 0.05), (0.5, 0.1), (1.0, 0.1), (2.0, 0.5), (5.0, 1.0), (10.0, 1.0))
 # How high its marks are, and those at its ends, as shares of its length; how far before the object, as one of its size.
-MARK, END, BEFORE = 0.04, 0.09, 0.08
+MARK, END, BEFORE = 0.04, 0.09, 0.12
+# How high it stands over the floor, whose points are not to cover it, as a share of its length.
+OVER = 0.02
 # Of the points that may be the object so many percent are below its foot, and before it.
-OUTLIERS = 2.0
+OUTLIERS = 0.5
 # A support plane is the floor where its normal is within 18 degrees of up.
 LEVEL = 0.95
 
@@ -50,7 +52,8 @@ def ruler(points: Array, planes: Array, up: Array, ahead: Array, size: float) ->
     length, step = [fits for fits in LENGTHS if fits[0] <= max(size, LENGTHS[0][0])][-1]
     near = float(np.percentile(points @ forward, OUTLIERS)) - BEFORE * size
     across = float(np.median(points @ right)) - length / 2
-    start = across * right + near * forward + _foot(points, planes, up, across * right + near * forward) * up
+    level = across * right + near * forward
+    start = level + (_foot(points, planes, up, level) + OVER * length) * up
     marks = np.arange(round(length / step) + 1)
     heights = np.where((marks == 0) | (marks == marks[-1]), END, MARK) * length
     low = start + (step * marks)[:, None] * right

@@ -85,7 +85,7 @@ class Layers(Body):
         "Belief",
         "covariance ellipsoids",
         "the posterior's covariance of each part's position, at `confidence`; none before the inference is at rest",
-        "covariance ellipsoid, {confidence:.0%} inside",
+        "covariance ellipsoid, {confidence} inside",
     )
     draws: bool = _layer(
         True,
@@ -120,7 +120,7 @@ class Layers(Body):
         "Algorithm",
         "ellipsoids of the particles",
         "the covariance of each part's particles, at `confidence`",
-        "spread of the particles, {confidence:.0%} inside",
+        "spread of the particles, {confidence} inside",
     )
     axes: bool = _layer(
         False,

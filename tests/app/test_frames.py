@@ -12,7 +12,6 @@ from scipy.stats import special_ortho_group
 from app.viewer.ellipsoids import ellipsoids, radius_scale
 from app.viewer.frames import BEST, frame
 from app.viewer.gizmos import default_prior
-from app.viewer.particles import WEIGHTLESS
 from app.viewer.scan_points import fits
 from app.viewer.scene_frame import Axes, Ellipsoids, Frustum, Label, Lines, Points, SceneFrame, Surface
 from app.viewer.view_state import LAYERS, ViewState
@@ -21,7 +20,7 @@ from pmpnbp.pictures.palette import PART_COLOURS, rgb
 from pmpnbp.potentials.pixel_kinds import PixelKind
 from pmpnbp.readout.view_planning import FIELD
 from pmpnbp.scene.observation import SUPPORT
-from tests.app.scenes import drawn, estimated, only, scene, shown, views
+from tests.app.scenes import drawn, estimated, heavy, of_a_part, only, scene, shown, views
 
 NAMES = ("frame", "drawer1", "drawer2", "drawer3")
 
@@ -117,39 +116,6 @@ def test_particles_are_where_the_belief_has_them() -> None:
         places = np.concatenate([cloud.points for cloud in clouds])
         expected = belief.poses[number, heavy(number), :3]
         np.testing.assert_allclose(sorted(places.tolist()), sorted(expected.tolist()), atol=1e-6)
-
-
-def of_a_part(found: SceneFrame, number: int) -> list[Points]:
-    """The clouds of a part's particles, that of the heaviest first."""
-    return [node for node in found.nodes if isinstance(node, Points) and node.name.startswith(f"/particles/{number}/")]
-
-
-def heavy(number: int) -> np.ndarray:
-    """Numbers of a part's particles that weigh more than a particle of weight zero."""
-    log_weights = scene().snapshots[-1].report.belief.log_weights[number]
-    return np.flatnonzero(log_weights >= log_weights.max() - WEIGHTLESS)
-
-
-def test_the_heavier_a_particle_the_larger_and_none_of_weight_zero() -> None:
-    whole = scene()
-    newest = whole.snapshots[-1]
-    belief = newest.report.belief
-    log_weights = belief.log_weights.copy()
-    # of the first part one of each size, and two of no weight
-    log_weights[:2] = -np.inf
-    log_weights[0, :4] = np.log([0.7, 0.02, 0.0004, 1e-7])
-    told = replace(newest, report=replace(newest.report, belief=replace(belief, log_weights=log_weights)))
-    found = frame(told, only("particles"), whole.stage)
-    clouds = of_a_part(found, 0)
-    for cloud, particle in zip(clouds, range(3), strict=True):
-        np.testing.assert_allclose(cloud.points, belief.poses[0, particle : particle + 1, :3], atol=1e-6)
-    sizes = [cloud.size for cloud in clouds]
-    assert sizes == sorted(sizes, reverse=True) and len(set(sizes)) == 3
-    assert found.particles["frame"] == 3
-    # what is not there cannot be clicked
-    assert np.isfinite(found.targets.particles[0, :3]).all() and np.isnan(found.targets.particles[0, 3:]).all()
-    # where nothing has a weight, all are there
-    assert found.particles["drawer1"] == 40
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])

@@ -84,8 +84,9 @@ def frame(
     if show.particles:
         nodes += _particles(snapshot.report.belief, stage, state)
     if show.candidates:
-        painted = colours(stage, theme)
-        lines = tuple(_mixed(colour, BACKGROUND[theme], PALE_DRAW) for colour in painted)
+        both = zip(colours(stage, theme), faded(stage, state), strict=True)
+        painted = tuple(paled(colour, theme) if other else colour for colour, other in both)
+        lines = tuple(paled(colour, theme, PALE_DRAW) for colour in painted)
         nodes += candidates(snapshot.report.belief, stage, painted, lines)
     if show.axes and state.part in names:
         belief, node = snapshot.report.belief, names.index(state.part)

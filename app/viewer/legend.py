@@ -35,12 +35,13 @@ _SIGNS: dict[str, Sign] = {
     "particles": "points",
     "particle_ellipsoids": "ellipsoid",
     "axes": "axes",
+    "candidates": "surface",
     "messages": "points",
     "region": "line",
     "prior": "line",
 }
 # Drawn in each part's own colour; in the colours of the axes; in that of what can be dragged or pressed.
-_BY_PART = {"estimate", "ellipsoids", "particle_ellipsoids", "draws", "particles", "messages"}
+_BY_PART = {"candidates", "estimate", "ellipsoids", "particle_ellipsoids", "draws", "particles", "messages"}
 _BY_AXIS = {"frames", "axes"}
 _TO_USE = {"next_views", "region", "prior"}
 

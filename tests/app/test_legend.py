@@ -31,8 +31,10 @@ def texts(state: ViewState, iteration: int = -1) -> list[str]:
 def test_every_layer_has_its_line_where_it_is_drawn() -> None:
     region, edge = (-1.0, -1.0, 0.0, 1.0, 1.0, 1.0), ("frame", "drawer2")
     lines = {layer: texts(only(layer, part="drawer1", edge=edge, region=region)) for layer in LAYERS}
-    # the image is the camera's; the prior says nothing yet
-    assert {layer for layer, found in lines.items() if not found} == {"image", "prior"}
+    # the image is the camera's; the prior says nothing yet; the search is over
+    assert {layer for layer, found in lines.items() if not found} == {"image", "prior", "candidates"}
+    searching = next(n for n, made in enumerate(scene().snapshots) if made.report.stage == "search")
+    assert texts(only("candidates"), searching)[-1] == "candidate of the search, fainter where lighter"
     assert lines["estimate"] == ["frame", "drawer1", "drawer2", "drawer3"]
     assert lines["ellipsoids"][-1] == "covariance ellipsoid, 75 % inside"
     assert texts(only("ellipsoids"), -2) == []  # none before it is at rest

@@ -35,7 +35,7 @@ BEST = 24
 POINT, MESSAGE_POINT, AXIS, FRUSTUM, MARK = 0.006, 0.010, 0.06, 0.10, 0.008
 # Of a scan's points, as a share of the space between two: of the object, where the estimate shows between them, and
 # around it. Where the processor draws they are squares, and those around the object smaller: area takes time.
-SPACED, SPARED = (0.55, 1.1), 0.7
+SPACED, SPARED = (0.55, 1.1), 0.75
 # How opaque: the estimate lets its particles shine through, where there are some.
 ESTIMATE, WITH_PARTICLES, FAINT, GHOST, SUPPORT, ELLIPSOID = 0.94, 0.74, 0.12, 0.22, 0.30, 0.6
 # Draws of the posterior whose outlines are drawn, and how far towards the background: of parts that are faded farther.
@@ -133,7 +133,7 @@ def _scans(snapshot: Snapshot, state: ViewState, stage: Stage, part_poses: Array
             points, size = cloud.points, size * scan.spacing
             if state.economy:
                 points, painted = points[cloud.coarse], painted[cloud.coarse]
-                size *= 1.0 if cloud.stride == 1 else SPARED
+                size *= 1.0 if cloud.block == (1, 1) else SPARED
             yield Points(
                 f"/scan/{number}/{name}", points, painted, size, "square" if state.economy else "circle", exact=False
             )

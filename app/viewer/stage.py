@@ -25,8 +25,8 @@ from pmpnbp.scene.observe import pixel_categories
 
 # A part of more triangles than this is drawn by its inference mesh: every one of them goes to the browser.
 MOST_TRIANGLES = 20_000
-# In a coarse cloud one pixel of each square of so many is: of what may be the object, of what is around it.
-STRIDES = 1, 2
+# In a coarse cloud one pixel of each block is, of so many rows and columns: of what may be the object, and around it.
+BLOCKS = (1, 1), (2, 3)
 # Half a support plane's square, as a share of the object's size.
 SQUARE = 1.2
 # Of the lines along a part's edges, the longest.
@@ -50,12 +50,12 @@ class Shape:
 @dataclass(frozen=True)
 class Cloud:
     """Some points of a scan. which : (P,) their numbers in it; points : (P, 3) world
-    coarse : (P,) bool, one of each square of `stride` × `stride` pixels, which show the same, less finely
+    coarse : (P,) bool, one of each `block` of rows and columns of pixels, which show the same, less finely
     depth_colours, plain_colours : (P, 3), for each theme"""
 
     which: NDArray[np.intp]
     coarse: NDArray[np.bool_]
-    stride: int
+    block: tuple[int, int]
     points: Floats
     depth_colours: Mapping[Theme, Bytes]
     plain_colours: Mapping[Theme, Bytes]
@@ -115,30 +115,30 @@ def _square(plane: Array, near: Array, reach: float) -> Floats:
 
 def _clouds(scan: ScanPoints, category: NDArray[np.uint8]) -> tuple[Cloud, Cloud]:
     """The points that may be the object, and all others."""
-    inner, outer = STRIDES
+    inner, outer = BLOCKS
     own, others = np.flatnonzero(category == OBJECT), np.flatnonzero(category != OBJECT)
     return (_cloud(scan, own, inner, scan.depth_colours), _cloud(scan, others, outer, scan.around_colours))
 
 
-def _cloud(scan: ScanPoints, which: NDArray[np.intp], stride: int, depth_colours: Mapping[Theme, Bytes]) -> Cloud:
+def _cloud(
+    scan: ScanPoints, which: NDArray[np.intp], block: tuple[int, int], depth_colours: Mapping[Theme, Bytes]
+) -> Cloud:
     return Cloud(
         which,
-        _one_of_each_square(scan.measured.shape, stride)[scan.measured][which],
-        stride,
+        _one_of_each_block(scan.measured.shape, block)[scan.measured][which],
+        block,
         scan.points[which],
         {theme: depth_colours[theme][which] for theme in THEMES},
         {theme: scan.plain_colours[theme][which] for theme in THEMES},
     )
 
 
-def _one_of_each_square(shape: tuple[int, ...], stride: int) -> NDArray[np.bool_]:
-    """(h, w): of each square of `stride` × `stride` pixels any one. Always the same one would make a pattern that the
+def _one_of_each_block(shape: tuple[int, ...], block: tuple[int, int]) -> NDArray[np.bool_]:
+    """(h, w): of each block of rows and columns of pixels any one. Always the same one would make a pattern that the
     picture's own pixels turn into moiré."""
-    down, across = np.indices(shape)
-    squares = tuple(-(-side // stride) for side in shape)
-    chosen = np.random.default_rng(0).integers(stride * stride, size=squares)
-    at = stride * (down % stride) + across % stride
-    kept: NDArray[np.bool_] = at == chosen[down // stride, across // stride]
+    (rows, columns), (down, across) = block, np.indices(shape)
+    chosen = np.random.default_rng(0).integers(rows * columns, size=(-(-shape[0] // rows), -(-shape[1] // columns)))
+    kept: NDArray[np.bool_] = columns * (down % rows) + across % columns == chosen[down // rows, across // columns]
     return kept
 
 

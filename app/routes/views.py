@@ -18,7 +18,7 @@ from app.sessions.events import written
 from app.sessions.source import Source
 from app.store.store import safe_name
 from app.viewer.view import View, ViewStatus
-from app.viewer.view_state import ViewState, ViewStateError
+from app.viewer.view_state import ViewState, ViewStateError, merged
 from app.viewer.views import Views, with_handles
 from pmpnbp.json_text import json_bytes
 from pmpnbp.scene.prior import load_prior
@@ -62,6 +62,9 @@ def change_view(session_id: SourceId, view_id: ViewId, body: ViewState, request:
     with contextmanager(_kept)(session_id, view_id, request) as view:  # no dependency: a bad body must open no view
         source = sessions_of(request).get(session_id)
         _check(body, source, request)
+        if body.look is not None and view.painter is not None:
+            eye = view.painter.place(body.look, merged(view.state, body))
+            body = body.model_copy(update={"camera": eye})
         view.change(body)
         if "show" in body.model_fields_set:
             with_handles(view, source)

@@ -33,10 +33,9 @@ import numpy as np
 import viser
 from pydantic import ValidationError
 
+from app.viewer.places import FIELD_OF_VIEW
 from app.viewer.view_state import Eye
 
-# Vertical field of view of the browser's camera, radians.
-FIELD_OF_VIEW = math.radians(36)
 # Metres within which two eyes are the same, and within which a browser is where it was told to be.
 SAME, ARRIVED = 1e-3, 2e-2
 # A browser is told so often, and so many seconds apart, where to look from.
@@ -127,12 +126,13 @@ class Camera:
         self._server: viser.ViserServer | None = None
         self._browsers: dict[int, Browser] = {}
         self._home: Eye | None = None
+        # of the picture that was told of last, width over height
+        self.aspect: float | None = None
         self._wanted: Eye | None = None
         self._by_hand: Eye | None = None
 
     def begin(self, server: viser.ViserServer, home: Eye) -> None:
         """Look after the browsers of a server. home : where it is looked from unless `look` says another place"""
-        server.initial_camera.fov = FIELD_OF_VIEW
         self._server, self._home = server, home
         self.look(None)
         server.on_client_connect(self._connected)
@@ -200,12 +200,13 @@ class Camera:
         """A browser that comes, or comes again, begins there."""
         assert self._server is not None
         start = self._server.initial_camera
+        start.fov = eye.field_of_view or FIELD_OF_VIEW
         start.up, start.position, start.look_at = np.array(eye.up), np.array(eye.position), np.array(eye.look_at)
 
     def _connected(self, client: viser.ClientHandle) -> None:
         def place(eye: Eye) -> None:
             with client.atomic():
-                client.camera.fov = FIELD_OF_VIEW
+                client.camera.fov = eye.field_of_view or FIELD_OF_VIEW
                 client.camera.up_direction = np.array(eye.up)
                 client.camera.position = np.array(eye.position)
                 client.camera.look_at = np.array(eye.look_at)
@@ -217,7 +218,10 @@ class Camera:
             vectors = (camera.position, camera.look_at, camera.up_direction)
             try:
                 position, look_at, up = (tuple(round(float(value), 5) for value in vector) for vector in vectors)
-                eye = Eye(position=position, look_at=look_at, up=up)
+                own = round(float(camera.fov), 5)
+                field_of_view = None if math.isclose(own, FIELD_OF_VIEW, abs_tol=1e-3) else own
+                eye = Eye(position=position, look_at=look_at, up=up, field_of_view=field_of_view)
+                self.aspect = float(camera.aspect)
             except ValidationError:
                 return  # a page that is being laid out may look nowhere
             self.reported(client.client_id, eye)

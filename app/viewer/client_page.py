@@ -27,6 +27,21 @@ html, body {{ background: var(--ground) !important; }}
 # stand still after a restart of the server, whatever the page around it shows.
 _RECONNECT = "<script>document.hasFocus = () => true;</script>"
 
+# A scan's points lie on the very surfaces that the estimate is drawn on, and noise has every other one before them:
+# points are drawn as if they were this share of their distance farther away, and a surface that fits them is whole. It
+# moves nothing in the picture: of a point only the depth changes that surfaces are compared with.
+_POINTS_BEHIND = """<script>
+{
+  const FARTHER = "0.008";
+  const source = WebGL2RenderingContext.prototype.shaderSource;
+  WebGL2RenderingContext.prototype.shaderSource = function (shader, text) {
+    const behind = `gl_Position.z -= ${FARTHER} * projectionMatrix[3][2];`;
+    const points = text.includes("gl_PointSize") && text.includes("projectionMatrix");
+    source.call(this, shader, points ? text.replace(/}\\s*$/, `${behind} }`) : text);
+  };
+}
+</script>"""
+
 # With `?economy`, which the session's page says where there is no graphics card, the processor draws: edges are not
 # smoothed, but for a moment after a hand has moved there is a pause between two frames, and viser's frame a second for
 # no reason comes every five. viser goes on drawing for 250 ms after each change; while the session iterates, which the
@@ -75,4 +90,4 @@ if (new URLSearchParams(location.search).has("economy")) {
 def scene_only(page: str, script: str = "") -> str:
     """A page of viser's, HTML, of which only the scene is seen. script : elements to be read first"""
     start = page.index("<head>") + len("<head>")
-    return page[:start] + _STYLE + _RECONNECT + _ECONOMY + script + page[start:]
+    return page[:start] + _STYLE + _RECONNECT + _POINTS_BEHIND + _ECONOMY + script + page[start:]

@@ -12,29 +12,20 @@ import numpy as np
 
 from app.viewer import scan_points
 from app.viewer.candidates import candidates
+from app.viewer.coordinates import coordinates
 from app.viewer.ellipsoids import ellipsoid, ellipsoids
+from app.viewer.emphasis import FADED, INK, QUIET, faded, mixed, paled
 from app.viewer.gizmos import ACCENT, gizmos
+from app.viewer.particles import particles, weighs
 from app.viewer.scan_points import ScanPoints
-from app.viewer.scene_frame import (
-    Axes,
-    Bytes,
-    Ellipsoids,
-    Frustum,
-    Label,
-    Lines,
-    Node,
-    Points,
-    SceneFrame,
-    Surface,
-    Targets,
-)
+from app.viewer.scene_frame import Axes, Ellipsoids, Frustum, Label, Lines, Node, Points, SceneFrame, Surface, Targets
 from app.viewer.stage import Stage
 from app.viewer.view_state import Theme, ViewState
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import Belief, Messages
 from pmpnbp.pictures import palette
-from pmpnbp.pictures.palette import DARK_PAPER, PAPER, Colour, rgb
+from pmpnbp.pictures.palette import Colour
 from pmpnbp.readout.snapshot import Snapshot
 from pmpnbp.readout.view_planning import FIELD, HEIGHT, WIDTH, PlannedView
 
@@ -43,26 +34,16 @@ BEST = 24
 # Sizes as shares of the object's.
 POINT, MESSAGE_POINT, AXIS, FRUSTUM, MARK = 0.006, 0.010, 0.06, 0.10, 0.008
 # Of a scan's points, as a share of the space between two: of the object, where the estimate shows between them, and
-# around it.
-SPACED = 0.55, 1.1
-# How much larger points are of which some are left out: less than their distance, as it is their area that takes time.
-COARSE = 1.5
-# How opaque: the estimate lets its particles shine through.
-ESTIMATE, FAINT, GHOST, SUPPORT, ELLIPSOID = 0.62, 0.12, 0.22, 0.30, 0.6
-# The palest a particle of little weight gets: share of the way to the background.
-PALEST = 0.75
-# Draws of the posterior whose outlines are drawn, and how far towards the background.
-DRAWS, PALE_DRAW = 8, 0.45
+# around it. Where the processor draws they are squares, and those around the object smaller: area takes time.
+SPACED, SPARED = (0.55, 1.1), 0.75
+# How opaque: the estimate lets its particles shine through, where there are some.
+ESTIMATE, WITH_PARTICLES, FAINT, GHOST, SUPPORT, ELLIPSOID = 0.94, 0.74, 0.12, 0.22, 0.30, 0.6
+# Draws of the posterior whose outlines are drawn, and how far towards the background: of parts that are faded farther.
+DRAWS, PALE_DRAW, PALER_DRAW = 8, 0.45, 0.8
 # How large a next view is that is not the emphasised one.
 OTHER_VIEW = 0.6
 # How much larger its rank is.
 EMPHASIS = 1.5
-# Nats below the heaviest from which on a particle is as pale as can be.
-FAINTEST = 12.0
-
-BACKGROUND: Mapping[Theme, Colour] = {"light": rgb(PAPER), "dark": rgb(DARK_PAPER)}
-INK: Mapping[Theme, Colour] = {"light": rgb(palette.INK), "dark": rgb("#e8ebef")}
-QUIET: Mapping[Theme, Colour] = {"light": rgb("#7b8694"), "dark": rgb("#8b97a6")}
 
 
 def frame(
@@ -88,8 +69,9 @@ def frame(
         nodes += [_frustum(f"/camera/{n}", cloud, stage, state) for n, cloud in enumerate(stage.scans)]
     if show.estimate:
         # the categories' colours are to be seen then, not the parts'
-        opacity = FAINT if show.scan and state.colour_scan == "explained" else ESTIMATE
-        nodes += _posed("/estimate", stage, part_poses, colours(stage, theme), opacity, state)
+        solid = WITH_PARTICLES if show.particles else ESTIMATE
+        opacity = FAINT if show.scan and state.colour_scan == "explained" else solid
+        nodes += _posed("/estimate", stage, part_poses, colours(stage, theme), opacity, state, faded(stage, state))
     placed = snapshot.placed
     if show.ellipsoids and placed.spread is not None:
         nodes.append(_ellipsoids("/ellipsoids", placed.spread.covariances, stage, part_poses, state))
@@ -102,8 +84,9 @@ def frame(
     if show.particles:
         nodes += _particles(snapshot.report.belief, stage, state)
     if show.candidates:
-        painted = colours(stage, theme)
-        lines = tuple(_mixed(colour, BACKGROUND[theme], PALE_DRAW) for colour in painted)
+        both = zip(colours(stage, theme), faded(stage, state), strict=True)
+        painted = tuple(paled(colour, theme) if other else colour for colour, other in both)
+        lines = tuple(paled(colour, theme, PALE_DRAW) for colour in painted)
         nodes += candidates(snapshot.report.belief, stage, painted, lines)
     if show.axes and state.part in names:
         belief, node = snapshot.report.belief, names.index(state.part)
@@ -119,13 +102,15 @@ def frame(
     if compared is not None:
         nodes += _compared(*compared, state)
     nodes += gizmos(stage, state)
-    count = int(snapshot.report.belief.poses.shape[1])
-    particles = {name: count for name in names if show.particles}
+    nodes += coordinates(stage, state, part_poses)
+    belief = snapshot.report.belief
+    drawn = weighs(belief.log_weights)
+    counts = dict(zip(names, drawn.sum(axis=1).tolist(), strict=True)) if show.particles else {}
     corners = tuple(np.zeros((0, 3, 3), np.float32) if shape is None else shape.corners for shape in stage.shapes)
-    targets = Targets(
-        tuple(names), snapshot.report.belief.poses[..., :3], part_poses, corners, show.particles, show.estimate
-    )
-    return SceneFrame(snapshot.iteration, tuple(nodes), particles, targets)
+    # what is not drawn is nowhere
+    places = np.where(drawn[..., None], belief.poses[..., :3], np.nan)
+    targets = Targets(tuple(names), places, part_poses, corners, show.particles, show.estimate)
+    return SceneFrame(snapshot.iteration, tuple(nodes), counts, targets)
 
 
 def colours(stage: Stage, theme: Theme) -> tuple[Colour, ...]:
@@ -148,8 +133,10 @@ def _scans(snapshot: Snapshot, state: ViewState, stage: Stage, part_poses: Array
             points, size = cloud.points, size * scan.spacing
             if state.economy:
                 points, painted = points[cloud.coarse], painted[cloud.coarse]
-                size *= min(COARSE, cloud.stride)
-            yield Points(f"/scan/{number}/{name}", points, painted, size, "circle", exact=False)
+                size *= 1.0 if cloud.block == (1, 1) else SPARED
+            yield Points(
+                f"/scan/{number}/{name}", points, painted, size, "square" if state.economy else "circle", exact=False
+            )
 
 
 def _frustum(name: str, cloud: ScanPoints, stage: Stage, state: ViewState) -> Frustum:
@@ -163,17 +150,24 @@ def _frustum(name: str, cloud: ScanPoints, stage: Stage, state: ViewState) -> Fr
 
 
 def _posed(
-    name: str, stage: Stage, part_poses: Array, painted: tuple[Colour, ...], opacity: float, state: ViewState
+    name: str,
+    stage: Stage,
+    part_poses: Array,
+    painted: tuple[Colour, ...],
+    opacity: float,
+    state: ViewState,
+    pale: tuple[bool, ...],
 ) -> Iterator[Node]:
-    """The parts' surfaces, and lines along their edges."""
+    """The parts' surfaces, and lines along their edges. pale : which of them are faded"""
     for number, shape in enumerate(stage.shapes):
         if shape is None:
             continue
-        colour = painted[number]
-        if opacity > 0:
-            yield Surface(f"{name}/{number}", shape.vertices, shape.faces, part_poses[number], colour, opacity)
+        colour, part_opacity = painted[number], opacity * (FADED if pale[number] else 1.0)
         chosen = stage.model.parts[number].name == state.part
-        line = _mixed(colour, INK[state.theme], 0.35)
+        line = mixed(colour, INK[state.theme], 0.35)
+        if pale[number]:
+            colour, line = paled(colour, state.theme), paled(line, state.theme)
+        yield Surface(f"{name}/{number}", shape.vertices, shape.faces, part_poses[number], colour, part_opacity)
         yield Lines(f"{name}/{number}/edges", shape.edges, line, 2.5 if chosen else 1.25)
 
 
@@ -192,6 +186,7 @@ def _ellipsoids(
     painted = colours(stage, state.theme) if painted is None else painted
     # the larger an ellipsoid, the more is behind it that is to be seen
     opacities = np.clip(0.1 * ELLIPSOID * stage.size / radii.max(axis=1), FAINT, ELLIPSOID)
+    opacities = np.where(faded(stage, state), FADED * opacities, opacities)
     return Ellipsoids(
         name,
         part_poses[:, :3].astype(np.float32),
@@ -210,12 +205,11 @@ def _draws(snapshot: Snapshot, stage: Stage, state: ViewState) -> Iterator[Lines
     certain = snapshot.placed.certain(snapshot.criteria.max_std)
     chosen = posterior.even_draws(DRAWS)
     drawn = posterior.part_poses(stage.model, chosen)
-    for number, (part, shape, colour) in enumerate(
-        zip(stage.model.parts, stage.shapes, colours(stage, state.theme), strict=True)
-    ):
+    kinds = zip(stage.model.parts, stage.shapes, colours(stage, state.theme), faded(stage, state), strict=True)
+    for number, (part, shape, colour, other) in enumerate(kinds):
         if shape is None or all(certain[stage.model.links.index(link)] for link in part.links):
             continue
-        pale = _mixed(colour, BACKGROUND[state.theme], PALE_DRAW)
+        pale = paled(colour, state.theme, PALER_DRAW if other else PALE_DRAW)
         for place, pose in enumerate(drawn[:, number]):
             yield Lines(f"/draws/{number}/{place}", shape.edges, pale, 1.0, pose)
 
@@ -232,24 +226,11 @@ def _next_views(views: Sequence[PlannedView], stage: Stage, state: ViewState) ->
 
 
 def _particles(belief: Belief, stage: Stage, state: ViewState) -> Iterator[Points]:
+    pale, by_weight, size = faded(stage, state), state.colour_particles == "weight", POINT * stage.size
     for number, colour in enumerate(colours(stage, state.theme)):
-        points = belief.poses[number, :, :3].astype(np.float32)
-        painted = np.array(colour, dtype=np.uint8)
-        if state.colour_particles == "weight":
-            painted = _by_weight(colour, belief.log_weights[number], state.theme)
-        yield Points(f"/particles/{number}", points, painted, POINT * stage.size)
-
-
-def _by_weight(colour: Colour, log_weights: Array, theme: Theme) -> Bytes:
-    """(T, 3): the colour for the heaviest particle, the paler the lighter a particle is."""
-    top = log_weights.max()
-    share = np.ones(len(log_weights))
-    if np.isfinite(top):
-        # in the log domain: of equal steps of the weight itself only the first few would be seen
-        share = np.clip(1 + (log_weights - top) / FAINTEST, 0, 1)
-    pale = PALEST * (1 - share[:, None])
-    mixed = (1 - pale) * np.array(colour) + pale * np.array(BACKGROUND[theme])
-    return mixed.round().astype(np.uint8)
+        placed, weights = belief.poses[number], belief.log_weights[number]
+        name = f"/particles/{number}"
+        yield from particles(name, placed, weights, colour, size, state, by_weight=by_weight, faded=pale[number])
 
 
 def _truth(truth: Mapping[str, Array], stage: Stage, state: ViewState) -> Iterator[Node]:
@@ -276,10 +257,9 @@ def _messages(messages: Messages, stage: Stage, state: ViewState) -> Iterator[No
     for number, (sender, receiver) in enumerate(zip(messages.sender.tolist(), messages.receiver.tolist(), strict=True)):
         if {names[sender], names[receiver]} != set(state.edge or ()):
             continue
-        points = messages.poses[number, :, :3].astype(np.float32)
-        shown = _by_weight(painted[sender], messages.log_weights[number], state.theme)
-        name = f"/messages/{sender}-{receiver}"
-        yield Points(name, points, shown, MESSAGE_POINT * stage.size, "diamond")
+        name, size = f"/messages/{sender}-{receiver}", MESSAGE_POINT * stage.size
+        placed, weights = messages.poses[number], messages.log_weights[number]
+        yield from particles(name, placed, weights, painted[sender], size, state, by_weight=True, shape="diamond")
 
 
 def _selected(belief: Belief, stage: Stage, state: ViewState) -> Iterator[Node]:
@@ -296,13 +276,7 @@ def _selected(belief: Belief, stage: Stage, state: ViewState) -> Iterator[Node]:
 def _compared(snapshot: Snapshot, stage: Stage, state: ViewState) -> Iterator[Node]:
     grey = tuple(QUIET[state.theme] for _ in stage.shapes)
     part_poses = snapshot.placed.part_poses
-    yield from _posed("/compare", stage, part_poses, grey, GHOST, state)
+    yield from _posed("/compare", stage, part_poses, grey, GHOST, state, (False,) * len(grey))
     spread = snapshot.placed.spread
     if state.show.ellipsoids and spread is not None:
         yield _ellipsoids("/compare/ellipsoids", spread.covariances, stage, part_poses, state, grey)
-
-
-def _mixed(one: Colour, other: Colour, share: float) -> Colour:
-    """`share` of the way from one colour to the other."""
-    red, green, blue = (round(a + (b - a) * share) for a, b in zip(one, other, strict=True))
-    return red, green, blue

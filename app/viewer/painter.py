@@ -21,16 +21,19 @@ from app.next_views import WORTH, next_views, uncertain
 from app.problems import HttpProblem
 from app.sessions.source import Source
 from app.viewer.camera import Camera
+from app.viewer.caption import captioned
 from app.viewer.client_page import scene_only
 from app.viewer.draw import Drawing
-from app.viewer.frames import frame
+from app.viewer.frames import colours, frame
 from app.viewer.gizmos import PRIOR, dragged_prior, dragged_region, proposal_at
+from app.viewer.legend import legend
 from app.viewer.picking import picked
+from app.viewer.places import place
 from app.viewer.scene_frame import SceneFrame
 from app.viewer.scenery import Scenery
 from app.viewer.stage import Stage
 from app.viewer.view import DrawnScene, Find, View
-from app.viewer.view_state import Eye, Layers, ViewState
+from app.viewer.view_state import Eye, Layers, Look, ViewState
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.geometry.poses import Array
 from pmpnbp.json_text import json_bytes
@@ -90,7 +93,17 @@ class Painter:
         """The scene as it is now, as a page that needs no server. Raises HttpProblem where there is nothing to draw."""
         with self._painting:
             self._paint(self._view.state.model_copy(update={"economy": False}))  # who opens it may have a graphics card
-            return scene_only(self._view.server.scene.as_html(dark_mode=self._view.state.theme == "dark"))
+            page = scene_only(self._view.server.scene.as_html(dark_mode=self._view.state.theme == "dark"))
+            assert self._snapshot is not None
+            name = self._source.status().get("name") or self._source.id
+            return captioned(page, self._view.state.theme, str(name), self._snapshot.result, self._view.legend)
+
+    def place(self, look: Look, state: ViewState) -> Eye:
+        """Where the place of that name is for what the view would show in `state`. Raises HttpProblem where there is
+        nothing yet."""
+        snapshot = self._scenery.snapshot(self._source, state.iteration, 0.0)
+        own = self._scenery.stage(self._source, snapshot, len(snapshot.problem.observation.views))
+        return place(look, snapshot.placed.part_poses, state, own, self.camera.aspect)
 
     # The thread
 
@@ -166,7 +179,7 @@ class Painter:
         key = (
             (self._source.id, snapshot.row["event"], snapshot.iteration),
             None if compared is None else compared[1].row["event"],
-            json_bytes(state.model_dump(exclude={"camera", "hidden"})),
+            json_bytes(state.model_dump(exclude={"camera", "look", "hidden"})),
         )
         self._apply_theme(state)
         if key == self._drawn_key:
@@ -183,6 +196,10 @@ class Painter:
         self._snapshot, self._scene, self._drawn_key = snapshot, scene, key
         serial = 1 if self._view.drawn is None else self._view.drawn.serial + 1
         self._view.drawn = DrawnScene(iteration=snapshot.iteration, particles=dict(scene.particles), serial=serial)
+        told = legend(scene, state, colours(own, state.theme))
+        if told != self._view.legend:
+            self._view.legend = told
+            self._view.tell("view")
         self._view.tell("drawn")
         return True
 

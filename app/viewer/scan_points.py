@@ -25,12 +25,15 @@ from pmpnbp.potentials.surfaces import Surfaces
 from pmpnbp.potentials.unary import render
 from pmpnbp.scene.observation import Scan
 
+# How brightly what is around the object is lit, at most: it must not end in the background.
+_BRIGHTEST_AROUND = 1.05
 # Points of one scan that are drawn, at most.
 MOST = 80_000
 
-# From near to far: what is far recedes into the background.
-_NEAR_FAR: Mapping[Theme, tuple[str, str]] = {"light": ("#6f86a3", "#cfd8e2"), "dark": ("#a9b8c9", "#36424f")}
-_PLAIN: Mapping[Theme, str] = {"light": "#a9b3be", "dark": "#6d7986"}
+# From near to far: what is far recedes into the background. What cannot be the object is neutral, and further from ink.
+NEAR_FAR: Mapping[Theme, tuple[str, str]] = {"light": ("#6f86a3", "#b9c6d6"), "dark": ("#a9b8c9", "#46535f")}
+AROUND: Mapping[Theme, tuple[str, str]] = {"light": ("#a3a8ae", "#cdd0d4"), "dark": ("#767b82", "#434950")}
+PLAIN: Mapping[Theme, str] = {"light": "#a9b3be", "dark": "#6d7986"}
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,8 @@ class ScanPoints:
 
     camera : of the thinned image; depth : (h, w), metres; measured : (h, w) bool, the pixels that are points
     points : (P, 3) world; shade : (P,) how brightly each is lit, about 1
-    depth_colours, plain_colours : (P, 3), for each theme; images : (h, w, 3), the depth image in the same colours
+    depth_colours, around_colours, plain_colours : (P, 3), for each theme, the first two by depth
+    images : (h, w, 3), the depth image in the first colours
     """
 
     camera: Camera
@@ -48,6 +52,7 @@ class ScanPoints:
     points: Floats
     shade: Floats
     depth_colours: Mapping[Theme, Bytes]
+    around_colours: Mapping[Theme, Bytes]
     plain_colours: Mapping[Theme, Bytes]
     images: Mapping[Theme, Bytes]
 
@@ -71,8 +76,11 @@ def scan_points(scan: Scan) -> ScanPoints:
     near, far = np.percentile(values, (2, 98)) if len(values) else (0.0, 1.0)
     tone = np.clip((values - near) / max(far - near, 1e-6), 0, 1).astype(np.float32)
     shade = _shade(backdrop(scan, width, height)[measured].mean(axis=-1), tone)
-    by_depth = {theme: _lit(_between(*_NEAR_FAR[theme], tone), shade) for theme in THEMES}
-    plain = {theme: _lit(_between(_PLAIN[theme], _PLAIN[theme], tone), shade) for theme in THEMES}
+    by_depth, around = (
+        {theme: _lit(_between(*ends[theme], tone), light) for theme in THEMES}
+        for ends, light in ((NEAR_FAR, shade), (AROUND, np.minimum(shade, _BRIGHTEST_AROUND)))
+    )
+    plain = {theme: _lit(_between(PLAIN[theme], PLAIN[theme], tone), shade) for theme in THEMES}
     return ScanPoints(
         scaled(camera, width, height),
         depth,
@@ -80,6 +88,7 @@ def scan_points(scan: Scan) -> ScanPoints:
         points,
         shade,
         by_depth,
+        around,
         plain,
         {theme: _image(measured, by_depth[theme], theme) for theme in THEMES},
     )
@@ -124,6 +133,6 @@ def _lit(colour: Floats, shade: Floats) -> Bytes:
 
 def _image(measured: NDArray[np.bool_], painted: Bytes, theme: Theme) -> Bytes:
     """What was not measured is a darker plain colour."""
-    picture = np.tile((0.5 * np.array(rgb(_PLAIN[theme]))).astype(np.uint8), (*measured.shape, 1))
+    picture = np.tile((0.5 * np.array(rgb(PLAIN[theme]))).astype(np.uint8), (*measured.shape, 1))
     picture[measured] = painted
     return picture

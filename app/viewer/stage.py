@@ -11,6 +11,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from app.viewer.ruler import Ruler, ruler
 from app.viewer.scan_points import ScanPoints
 from app.viewer.scene_frame import Bytes, Floats
 from app.viewer.view_state import THEMES, Eye, Theme
@@ -24,8 +25,8 @@ from pmpnbp.scene.observe import pixel_categories
 
 # A part of more triangles than this is drawn by its inference mesh: every one of them goes to the browser.
 MOST_TRIANGLES = 20_000
-# In a coarse cloud every so many rows and columns of the image are: of what may be the object, of what is around it.
-STRIDES = 1, 3
+# In a coarse cloud one pixel of each block is, of so many rows and columns: of what may be the object, and around it.
+BLOCKS = (1, 1), (2, 3)
 # Half a support plane's square, as a share of the object's size.
 SQUARE = 1.2
 # Of the lines along a part's edges, the longest.
@@ -49,12 +50,12 @@ class Shape:
 @dataclass(frozen=True)
 class Cloud:
     """Some points of a scan. which : (P,) their numbers in it; points : (P, 3) world
-    coarse : (P,) bool, those in every `stride`-th row and column of the image, which show the same, less finely
+    coarse : (P,) bool, one of each `block` of rows and columns of pixels, which show the same, less finely
     depth_colours, plain_colours : (P, 3), for each theme"""
 
     which: NDArray[np.intp]
     coarse: NDArray[np.bool_]
-    stride: int
+    block: tuple[int, int]
     points: Floats
     depth_colours: Mapping[Theme, Bytes]
     plain_colours: Mapping[Theme, Bytes]
@@ -65,7 +66,7 @@ class Stage:
     """problem : whose stage it is; model : its object; shapes : None for a part without geometry
     scans : one per view; categories : (P,) of each scan's points, as `View.category`
     clouds : of each scan what may be the object, and what is around it
-    planes : (4, 3) corners of a square in each support plane
+    planes : (4, 3) corners of a square in each support plane; ruler : None where nothing may be the object
     up : (3,) world; eye : where the view begins; size : metres, about that of the object"""
 
     problem: Problem
@@ -75,6 +76,7 @@ class Stage:
     categories: tuple[NDArray[np.uint8], ...]
     clouds: tuple[tuple[Cloud, Cloud], ...]
     planes: tuple[Floats, ...]
+    ruler: Ruler | None
     up: Array
     eye: Eye
     size: float
@@ -90,7 +92,10 @@ def stage(problem: Problem, scans: tuple[ScanPoints, ...]) -> Stage:
     eye, size = _eye(observation), object_size(model)
     planes = tuple(_square(plane, np.array(eye.look_at), SQUARE * size) for plane in observation.planes)
     shapes = tuple(_shape(part) if part.visible else None for part in model.parts)
-    return Stage(problem, model, shapes, scans, categories, clouds, planes, observation.up, eye, size)
+    own = np.concatenate([one.points for one, _ in clouds]) if clouds else np.zeros((0, 3))
+    ahead = poses.rotate(observation.views[0].camera.pose_world_camera[3:], np.array([0.0, 0.0, 1.0]))
+    measure = ruler(own.astype(np.float64), observation.planes, observation.up, ahead, size)
+    return Stage(problem, model, shapes, scans, categories, clouds, planes, measure, observation.up, eye, size)
 
 
 def object_size(model: ArticulatedObject) -> float:
@@ -110,20 +115,31 @@ def _square(plane: Array, near: Array, reach: float) -> Floats:
 
 def _clouds(scan: ScanPoints, category: NDArray[np.uint8]) -> tuple[Cloud, Cloud]:
     """The points that may be the object, and all others."""
-    inner, outer = STRIDES
+    inner, outer = BLOCKS
     own, others = np.flatnonzero(category == OBJECT), np.flatnonzero(category != OBJECT)
-    return _cloud(scan, own, inner), _cloud(scan, others, outer)
+    return (_cloud(scan, own, inner, scan.depth_colours), _cloud(scan, others, outer, scan.around_colours))
 
 
-def _cloud(scan: ScanPoints, which: NDArray[np.intp], stride: int) -> Cloud:
+def _cloud(
+    scan: ScanPoints, which: NDArray[np.intp], block: tuple[int, int], depth_colours: Mapping[Theme, Bytes]
+) -> Cloud:
     return Cloud(
         which,
-        (np.argwhere(scan.measured)[which] % stride == 0).all(axis=1),
-        stride,
+        _one_of_each_block(scan.measured.shape, block)[scan.measured][which],
+        block,
         scan.points[which],
-        {theme: scan.depth_colours[theme][which] for theme in THEMES},
+        {theme: depth_colours[theme][which] for theme in THEMES},
         {theme: scan.plain_colours[theme][which] for theme in THEMES},
     )
+
+
+def _one_of_each_block(shape: tuple[int, ...], block: tuple[int, int]) -> NDArray[np.bool_]:
+    """(h, w): of each block of rows and columns of pixels any one. Always the same one would make a pattern that the
+    picture's own pixels turn into moiré."""
+    (rows, columns), (down, across) = block, np.indices(shape)
+    chosen = np.random.default_rng(0).integers(rows * columns, size=(-(-shape[0] // rows), -(-shape[1] // columns)))
+    kept: NDArray[np.bool_] = columns * (down % rows) + across % columns == chosen[down // rows, across // columns]
+    return kept
 
 
 def _shape(part: Part) -> Shape:

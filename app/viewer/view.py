@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from pydantic import BaseModel, Field
 
 from app.problems import HttpProblem
 from app.sessions.source import Source
+from app.viewer.legend import LegendEntry
 from app.viewer.view_state import ViewState, merged
 from app.viewer.viser_server import address, open_server
 
@@ -38,6 +39,7 @@ class ViewStatus(ViewState):
     """What a 3D view shows, and what came of it."""
 
     drawn: DrawnScene | None = Field(description="null where nothing was drawn yet")
+    legend: list[LegendEntry] = Field(description="what the marks mean that were drawn last")
     clients: int = Field(description="browsers that show the scene")
     revision: int = Field(
         description="counts the changes of what is told here; of an answer and an event, the higher is the newer, "
@@ -66,6 +68,7 @@ class View:
     keepers: int = 0
     last_left: threading.Timer | None = field(default=None, repr=False)
     drawn: DrawnScene | None = None
+    legend: Sequence[LegendEntry] = ()
     error: str | None = None
     pace: float = math.inf
     slowed: str | None = None
@@ -112,6 +115,7 @@ class View:
         with self._lock:
             told = self._state.model_dump() | {
                 "drawn": self.drawn_members(),
+                "legend": [entry.model_dump() for entry in self.legend],
                 "clients": self.clients,
                 "error": self.error,
                 "slowed": self.slowed,

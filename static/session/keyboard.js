@@ -3,6 +3,7 @@
 
 import { playOrPause, step } from "./controls.js";
 import { byId } from "./dom.js";
+import { look } from "./overlays.js";
 import * as setup from "./setup.js";
 import { isRecording } from "./state.js";
 import { live, move, playback } from "./timeline.js";
@@ -10,13 +11,14 @@ import { live, move, playback } from "./timeline.js";
 const TAKES_ALL = "input, select, textarea, [contenteditable]";
 const TAKES_SPACE = "button, summary, a, [role=button], [role=tab]";
 const TAKES_ARROWS = "[role=tab]";
+const OF_THE_SCENE = [" ", "l", "?", "f", "c", "t"];
 
 export function install(frame) {
   document.addEventListener("keydown", press);
   frame.addEventListener("load", () => {
     try {
       frame.contentWindow.addEventListener("keydown", (event) => {
-        if ([" ", "l", "L", "?"].includes(event.key)) press(event);
+        if (OF_THE_SCENE.includes(event.key.toLowerCase())) press(event);
       });
     } catch {
       // the frame shows an error page of the browser's own: no keys there
@@ -44,6 +46,12 @@ function press(event) {
     L: live,
     s: step,
     S: step,
+    f: () => look("fit"),
+    F: () => look("fit"),
+    c: () => look("sensor"),
+    C: () => look("sensor"),
+    t: () => look("top"),
+    T: () => look("top"),
     "?": () => byId("help").showModal(),
   };
   const act = acts[event.key];

@@ -16,6 +16,7 @@ import * as keyboard from "./keyboard.js";
 import * as layers from "./layers.js";
 import * as newScan from "./new_scan.js";
 import * as nextViews from "./next_views.js";
+import * as overlays from "./overlays.js";
 import * as pairPlot from "./pair_plot.js";
 import * as part from "./part.js";
 import * as particle from "./particle.js";
@@ -56,7 +57,7 @@ async function begin() {
   await untilAnswered(declareView);
   tabs.install(new URLSearchParams(location.search).get("tab"));
   const about = [verdict, timeline, plots, graph, estimate, howSure, part, nextViews, pairPlot, algorithm, edge];
-  for (const piece of [...about, particle, newScan, layers, economy, compare, share]) piece.install();
+  for (const piece of [...about, particle, newScan, layers, overlays, economy, compare, share]) piece.install();
   keyboard.install(frame);
   splitters.install();
   words.install();

@@ -22,8 +22,9 @@ export function linkParameters() {
   if (view.compare) parameters.set("compare", [view.compare.session_id, view.compare.iteration ?? ""].join(","));
   if (state.tab !== "belief") parameters.set("tab", state.tab);
   if (view.camera) {
-    const { position, look_at: lookAt, up } = view.camera;
-    parameters.set("camera", [...position, ...lookAt, ...up].map((value) => Number(value.toFixed(4))).join(","));
+    const { position, look_at: lookAt, up, field_of_view: field } = view.camera;
+    const numbers = [...position, ...lookAt, ...up, ...(field ? [field] : [])];
+    parameters.set("camera", numbers.map((value) => Number(value.toFixed(4))).join(","));
   }
   return parameters;
 }
@@ -40,8 +41,9 @@ export function viewOfLink(text) {
   const [other, iteration] = parameters.get("compare")?.split(",") ?? [];
   if (other) members.compare = { session_id: other, iteration: iteration ? Number(iteration) : null };
   const camera = parameters.get("camera")?.split(",").map(Number);
-  if (camera?.length === 9 && camera.every(Number.isFinite)) {
-    members.camera = { position: camera.slice(0, 3), look_at: camera.slice(3, 6), up: camera.slice(6) };
+  if ([9, 10].includes(camera?.length) && camera.every(Number.isFinite)) {
+    const [position, lookAt, up] = [camera.slice(0, 3), camera.slice(3, 6), camera.slice(6, 9)];
+    members.camera = { position, look_at: lookAt, up, field_of_view: camera[9] ?? null };
   }
   return members;
 }

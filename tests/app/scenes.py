@@ -10,8 +10,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from app.viewer.frames import frame
+from app.viewer.particles import WEIGHTLESS
 from app.viewer.scan_points import scan_points
-from app.viewer.scene_frame import SceneFrame
+from app.viewer.scene_frame import Points, SceneFrame
 from app.viewer.stage import Stage, stage
 from app.viewer.view_state import LAYERS, Layers, ViewState
 from pmpnbp.geometry import poses
@@ -84,3 +85,14 @@ def views() -> list[PlannedView]:
     """Three places beside the scan's camera."""
     pose = scene().stage.scans[0].camera.pose_world_camera
     return [PlannedView(poses.multiply(pose, np.array([x, 0, 0, 1, 0, 0, 0]))) for x in (0.0, 0.1, 0.2)]
+
+
+def of_a_part(found: SceneFrame, number: int) -> list[Points]:
+    """The clouds of a part's particles, that of the heaviest first."""
+    return [node for node in found.nodes if isinstance(node, Points) and node.name.startswith(f"/particles/{number}/")]
+
+
+def heavy(number: int) -> np.ndarray:
+    """Numbers of a part's particles that weigh more than a particle of weight zero."""
+    log_weights = scene().snapshots[-1].report.belief.log_weights[number]
+    return np.flatnonzero(log_weights >= log_weights.max() - WEIGHTLESS)

@@ -11,9 +11,10 @@ import pytest
 from app.viewer.draw import Drawing
 from app.viewer.frames import frame
 from app.viewer.gizmos import LOW
+from app.viewer.scene_frame import Points
 from app.viewer.view_state import LAYERS, Layers, ViewState, merged
 from app.viewer.viser_server import open_server
-from tests.app.scenes import only, scene, views
+from tests.app.scenes import only, scene, shown, views
 
 EVERYTHING = only(*LAYERS, part="drawer2", particle=3, edge=["frame", "drawer2"], region=[-1, -1, 0, 1, 1, 2])
 
@@ -152,10 +153,11 @@ def test_a_failure_leaves_the_scene_usable(server: Any) -> None:
     drawing, whole = Drawing(server, nothing), scene()
     draw(drawing, ViewState(), 2)
     broken = frame(whole.snapshots[3], ViewState(), whole.stage)
-    bad = next(node for node in broken.nodes if node.name == "/particles/0")
+    bad = next(node for node in broken.nodes if node.name == "/particles/0/0")
     object.__setattr__(bad, "colours", None)
     with pytest.raises(TypeError, match="NoneType"):
         drawing.draw(broken)
     draw(drawing, ViewState(), 4)
-    points = drawing._nodes["/particles/0"][1].points
-    np.testing.assert_allclose(points, whole.snapshots[4].report.belief.poses[0, :, :3], atol=1e-6)
+    for place in range(3):
+        wanted = shown(Points, frame(whole.snapshots[4], ViewState(), whole.stage), f"/particles/0/{place}")
+        np.testing.assert_array_equal(drawing._nodes[wanted.name][1].points, wanted.points)

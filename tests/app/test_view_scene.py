@@ -77,6 +77,25 @@ def test_the_scene_is_a_page_that_needs_nothing(served: Any, path: str) -> None:
     assert 'filename="' in answer.headers["content-disposition"] and "-3.html" in answer.headers["content-disposition"]
     assert answer.text.count("</html>") == 1 and len(answer.text) > 900_000  # viser's page, and the scene in it
     assert state(served, view)["drawn"]["iteration"] == 3
+    # it says whose it is and what it shows, and asks for nothing
+    name = served.client.get(path).json()["name"] or path.rsplit("/", 1)[1]
+    assert f"<title>{name}, iteration 3</title>" in answer.text
+    assert "joint slide1" in answer.text and all(
+        entry["text"] in answer.text for entry in state(served, view)["legend"]
+    )
+
+
+def test_a_place_is_looked_from_by_its_name(served: Any, path: str) -> None:
+    view = f"{path}/views/named"
+    assert state(served, view)["legend"] == []  # nothing is drawn yet
+    eyes = [state(served, view, look=look)["camera"] for look in ("fit", "sensor", "top")]
+    assert len({tuple(eye["position"]) for eye in eyes}) == 3
+    assert state(served, view)["look"] == "top" and eyes[1]["field_of_view"] is not None
+    # the browser's hand, or a program, looks from elsewhere
+    assert state(served, view, camera=eyes[0])["look"] is None
+    answer = served.client.patch(view, json={"look": "behind"})
+    small.problem(answer, 422, "look")
+    assert state(served, view)["camera"] == eyes[0]
 
 
 def test_another_session_lies_over_it(served: Any, path: str) -> None:

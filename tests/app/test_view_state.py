@@ -34,7 +34,8 @@ ALL = {
     "next_view": 2,
     "compare": {"session_id": "abc", "iteration": None},
     "theme": "dark",
-    "camera": {"position": [1, 2, 3], "look_at": [0, 0, 0.5], "up": [0, 0, 1]},
+    "camera": {"position": [1, 2, 3], "look_at": [0, 0, 0.5], "up": [0, 0, 1], "field_of_view": 0.8},
+    "look": "top",
     "region": [-1, -1, 0, 1, 1, 2],
     "proposals": [[-1, -1, 0, 1, 1, 2], [2, 2, 0, 3, 3, 1]],
     "prior": PRIOR,
@@ -58,6 +59,7 @@ def test_a_new_view_shows_the_newest_with_eight_layers() -> None:
         "draws",
         "candidates",
         "next_views",
+        "ruler",
     }
     assert state.iteration is None and state.confidence == 0.75 and state.theme == "light"
 

@@ -92,7 +92,9 @@ def test_nothing_is_drawn_while_nobody_looks(served: Any) -> None:
     small.step(served.client, path, 2)
     assert state(served, view)["drawn"] is None
     with looking(served, view):
-        assert drawn(served, view, 2)["particles"] == dict.fromkeys(("frame", "drawer1", "drawer2", "drawer3"), 40)
+        particles = drawn(served, view, 2)["particles"]
+        assert set(particles) == {"frame", "drawer1", "drawer2", "drawer3"}
+        assert all(0 < count <= 40 for count in particles.values())  # those that weigh something
         small.step(served.client, path)
         serial = drawn(served, view, 3)["serial"]
         state(served, view, hidden=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from playwright.sync_api import Page
 
-from app.viewer.camera import FIELD_OF_VIEW
+from app.viewer.places import FIELD_OF_VIEW
 from tests.browser.conftest import PATIENCE, pixels
 from tests.browser.session_page import view
 from tests.servers import Served
@@ -21,7 +21,7 @@ from tests.servers import Served
 # In front of the cabinet and above it, near enough that its handles are large; metres, world.
 EYE = {"position": [2.3, 0.5, 1.4], "look_at": [0.5, 0.3, 0.4], "up": [0.0, 0.0, 1.0]}
 # Layers of an empty scene.
-BARE = dict.fromkeys(("scan", "camera", "particles", "estimate", "ellipsoids", "draws", "next_views"), False)
+BARE = dict.fromkeys(("scan", "camera", "particles", "estimate", "ellipsoids", "draws", "next_views", "ruler"), False)
 # Neighbouring screenshots of a scene at rest differ by less than this in every pixel.
 SAME = 6
 
@@ -61,7 +61,8 @@ def ground(seen: NDArray[np.uint8]) -> tuple[int, ...]:
 
 
 def look_from_eye(page: Page, served: Served, **members: Any) -> NDArray[np.uint8]:
-    """The pixels from EYE, with what else the view is told, once it stands still."""
+    """The pixels from EYE, with what else the view is told, once it stands still; nothing lies over them."""
+    page.evaluate("document.getElementById('over').style.visibility = 'hidden'")
     page.frame_locator("#scene").locator("canvas").first.wait_for()
     change(page, served, {"camera": EYE, **members})
     for _ in range(PATIENCE // 50):

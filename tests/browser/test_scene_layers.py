@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Page, expect
 
-from app.viewer.frames import INK
+from app.viewer.emphasis import INK
 from pmpnbp.pictures.palette import KIND_COLOURS, KIND_NAMES, rgb
 from pmpnbp.potentials.pixel_kinds import PixelKind
 from tests.app import small_sessions as small

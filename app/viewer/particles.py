@@ -58,14 +58,16 @@ def particles(
     """
     below = below_heaviest(log_weights)
     colour = paled(colour, state.theme) if faded else colour
-    shown = _by_weight(colour, below, state.theme) if by_weight else np.array(colour, dtype=np.uint8)
+    shown = _by_weight(colour, below, state.theme)
     lightest = np.inf
     for place, (nats, share) in enumerate(SIZES):
         chosen = (below >= -nats) & (below < lightest)
         lightest = -nats
         # also where there is none: viser's node stays, and is there for the next iteration
         points = poses[chosen, :3].astype(np.float32)
-        yield Points(f"{name}/{place}", points, shown[chosen] if by_weight else shown, share * size, shape)
+        # viser takes no list of colours for no points
+        painted = shown[chosen] if by_weight and chosen.any() else np.array(colour, dtype=np.uint8)
+        yield Points(f"{name}/{place}", points, painted, share * size, shape)
 
 
 def _by_weight(colour: Colour, below: Array, theme: Theme) -> Bytes:

@@ -25,7 +25,7 @@ from pmpnbp.client.particles import Belief, Message, PosteriorDraws
 from pmpnbp.client.uploads import Members, ScanSource, known_id, prior_members, upload_scan
 from pmpnbp.errors import EstimateError, PmpnbpError, ServerError, StorageError
 from pmpnbp.library.estimate import Estimate
-from pmpnbp.scene.regions import Region
+from pmpnbp.scene.region import Region
 
 Goal = Literal["iterations", "converged", "certain"]
 Wait = Literal["converged", "certain", "idle"]

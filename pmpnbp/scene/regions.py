@@ -11,7 +11,7 @@ Nothing here is certain: the boxes are proposals that a person chooses from.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.observe import common_frame, has_pose, presumed_up, scene_points, up_direction
+from pmpnbp.scene.region import Region
 from pmpnbp.scene.sizes_over_joints import reaches, sides, sides_over_joints, united
 from pmpnbp.scene.support_planes import ScenePoints, find_support_planes, level_tops
 
@@ -54,21 +55,6 @@ NOT_UPRIGHT = 0.3
 SHARED = 0.5
 # A thing so unlike the model is not proposed beside more likely ones.
 UNLIKELY = 1.5
-
-
-@dataclass(frozen=True, kw_only=True)
-class Region:
-    """A thing that stands in a scan.
-
-    roi : (6,) x0 y0 z0 x1 y1 z1, metres, world: its points' box and MARGIN; size : (3,) metres: its height, and the
-    longer and the shorter side of its footprint, without a margin; points : share of the measured points that are its;
-    unlikeness : by how much its sides are unlike the model's, 0 for not at all; None without a model
-    """
-
-    roi: Array
-    size: Array
-    points: float
-    unlikeness: float | None
 
 
 def propose_regions(scans: Sequence[Scan], model: ArticulatedObject | None = None) -> list[Region]:

@@ -21,7 +21,9 @@ from tests.servers import Served
 # In front of the cabinet and above it, near enough that its handles are large; metres, world.
 EYE = {"position": [2.3, 0.5, 1.4], "look_at": [0.5, 0.3, 0.4], "up": [0.0, 0.0, 1.0]}
 # Layers of an empty scene.
-BARE = dict.fromkeys(("scan", "camera", "particles", "estimate", "ellipsoids", "draws", "next_views", "ruler"), False)
+BARE = dict.fromkeys(
+    ("scan", "camera", "particles", "estimate", "ellipsoids", "draws", "next_views", "ruler", "candidates"), False
+)
 # Neighbouring screenshots of a scene at rest differ by less than this in every pixel.
 SAME = 6
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -43,6 +44,13 @@ def wait(page: Page, so: Callable[[], bool]) -> None:
             return
         page.wait_for_timeout(50)
     raise AssertionError("it has not become so")
+
+
+def weighty(served: Served, session: str, part: str) -> list[dict[str, Any]]:
+    """The particles of a part that weigh anything beside its heaviest: those that are drawn."""
+    particles = served.client.get(f"{session}/beliefs/{part}/particles?limit=40").json()["particles"]
+    least = max(particle["weight"] for particle in particles) * math.exp(-12)
+    return [particle for particle in particles if particle["weight"] >= least]
 
 
 def tab(page: Page, name: str) -> Locator:

@@ -13,7 +13,7 @@ from playwright.sync_api import Page, expect
 from tests.app import small_sessions as small
 from tests.browser.conftest import PATIENCE
 from tests.browser.scene_pointer import BARE, differing, drag, look_from_eye, place, settled
-from tests.browser.session_page import opened, tab, view, wait
+from tests.browser.session_page import opened, tab, view, wait, weighty
 from tests.servers import Served
 
 expect.set_options(timeout=PATIENCE)
@@ -108,8 +108,7 @@ def test_a_click_on_a_particle_explains_it(page: Page, served: Served, session: 
     assert scene is not None
     found = []
     for part in served.client.get(f"{session}/graph").json()["parts"]:
-        belief = served.client.get(f"{session}/beliefs/{part['links'][0]}/particles?limit=40").json()
-        for particle in belief["particles"]:
+        for particle in weighty(served, session, part["name"]):
             found.append((part["name"], particle["index"], place(page, particle["pose"][:3])))
     seen = np.array([at for _, _, at in found])
     apart = np.linalg.norm(seen[:, None] - seen, axis=-1) + np.diag(np.full(len(seen), np.inf))

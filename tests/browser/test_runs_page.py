@@ -197,7 +197,7 @@ def test_sessions_stand_side_by_side_and_turn_together(
     with page.expect_response(lambda answer: answer.request.method == "PATCH" and ids[1] in answer.url):
         path = addresses[0].split("?")[0].rstrip("/").replace("/view/", "/views/")
         served.client.patch(f"/api/v1{path}", json={"camera": eye}).raise_for_status()
-    assert camera_of(served, addresses[1]) == eye
+    assert camera_of(served, addresses[1]) == {"field_of_view": None, **eye}
     # what is new of a session is seen
     small.step(served.client, runs["lab"])
     served.client.patch(runs["lab"], json={"name": "the lab's"}).raise_for_status()

@@ -17,7 +17,7 @@ from pmpnbp.potentials.pixel_kinds import PixelKind
 from tests.app import small_sessions as small
 from tests.browser.conftest import DESK, PATIENCE, pixels
 from tests.browser.scene_pointer import BARE, change, differing, ground, look_from_eye, settled
-from tests.browser.session_page import opened, tab, view, wait, written
+from tests.browser.session_page import opened, tab, view, wait, weighty, written
 from tests.browser.session_page import parts as parts_of
 from tests.servers import Served
 
@@ -75,7 +75,8 @@ def test_each_layer_is_drawn_by_its_switch(page: Page, served: Served, session: 
         wait(page, lambda: differing(empty, shot(page)) > 30)
         drawn[name] = settled(page)
         said = view(page, served)["drawn"]["particles"]
-        assert said == (dict.fromkeys(parts(served, session), 40) if name == "particles" else {}), name
+        weigh = {part: len(weighty(served, session, part)) for part in parts(served, session)}
+        assert said == (weigh if name == "particles" else {}), name
         switch.uncheck()
         wait(page, lambda: differing(empty, shot(page)) == 0)
     for colour in parts(served, session).values():

@@ -145,7 +145,9 @@ def test_the_verdict_of_a_fit(
     box.click()
     expect(page.get_by_role("tab", name="Layers")).to_have_attribute("aria-selected", "true")
     wait(page, lambda: view(page, served)["show"]["region"])
-    expect(page.get_by_label("largest z of the region, centimetres")).to_be_visible()
+    expect(
+        page.get_by_role("tabpanel", name="Layers").get_by_label("largest z of the region, centimetres")
+    ).to_be_visible()
 
 
 def test_the_verdict_while_it_goes_on(page: Page, served: Served) -> None:

@@ -79,8 +79,9 @@ def test_each_layer_is_drawn_by_its_switch(page: Page, served: Served, session: 
         assert said == (weigh if name == "particles" else {}), name
         switch.uncheck()
         wait(page, lambda: differing(empty, shot(page)) == 0)
-    for colour in parts(served, session).values():
-        assert coloured(drawn["particles"], rgb(colour)) > 5
+    # those of the selected part; the others are faded
+    for name, colour in parts(served, session).items():
+        assert (coloured(drawn["particles"], rgb(colour)) > 5) == (name == "drawer1"), name
     assert coloured(drawn["truth"], INK["light"]) > 100
     axes = drawn["axes of the best particles"].astype(int)
     for channel in range(3):  # x red, y green, z blue

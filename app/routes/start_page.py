@@ -64,7 +64,8 @@ def static_file(name: str, request: Request) -> Response:
 def _file(name: str, request: Request) -> Response:
     """The file, or 304 where the browser has it as it is."""
     files = {path.relative_to(STATIC).as_posix(): path for path in STATIC.rglob("*") if path.suffix in MEDIA_TYPES}
-    files |= {f"fonts/{face}": FONTS / face for face in FACES}
+    # where they were left out of an installation, the system's own letters stand in for them
+    files |= {f"fonts/{face}": FONTS / face for face in FACES if (FONTS / face).is_file()}
     if name not in files:
         raise HttpProblem(404, f"page file '{name}' is not here; there are {', '.join(sorted(files)) or 'none'}")
     path = files[name]

@@ -68,7 +68,9 @@ def test_a_wrong_method_is_told_all_the_right_ones(served: Any, method: str, pat
     assert answer.headers["Allow"] == allowed
 
 
-@pytest.mark.parametrize("path", ["/", "/static/style.css", "/static/start/main.js"])
+@pytest.mark.parametrize(
+    "path", ["/", "/static/style.css", "/static/start/main.js", "/static/fonts/OpenSans-Semibold.ttf"]
+)
 def test_a_page_file_that_a_browser_has_is_not_sent_again(served: Any, path: str) -> None:
     first = served.client.get(path)
     tag = first.headers["ETag"]

@@ -272,3 +272,11 @@ def test_samples_are_listed_and_made_over_rest(served: Served) -> None:
     assert len(client.get("/api/v1/models").json()) == len(client.get("/api/v1/scans").json()) == 1
     refused = client.post("/api/v1/sessions/sample", json={"scene": "kitchen"})
     assert refused.status_code == 422 and "'open'" in refused.json()["detail"]
+
+
+def test_the_letters_are_the_server_s_own(page: Page, served: Served) -> None:
+    answer = served.client.get("/static/fonts/OpenSans-Regular.ttf")
+    assert answer.status_code == 200 and answer.headers["content-type"] == "font/ttf"
+    page.goto(served.url)
+    page.wait_for_function("() => document.fonts.status === 'loaded'")
+    assert page.evaluate("() => document.fonts.check('15px \"Open Sans\"') && document.fonts.size") == 2

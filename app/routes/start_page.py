@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -33,20 +34,20 @@ FACES = ("OpenSans-Regular.ttf", "OpenSans-Semibold.ttf")
 @router.get("/")
 def start(request: Request) -> Response:
     """The list of sessions."""
-    return _file("index.html", request)
+    return _page("index.html", "start", request)
+
+
+@router.get("/compare")
+def compare_page(request: Request) -> Response:
+    """Several sessions side by side, those that `?sessions=ID,ID` names; the page asks for them itself."""
+    return _page("compare.html", "compare", request)
 
 
 @router.get("/sessions/{session_id}")
 @router.get("/sessions/{session_id}/")
 def session_page(request: Request) -> Response:
     """The page of one session or recording, which asks for it itself and says where there is none."""
-    return _file("session.html", request)
-
-
-@router.get("/compare")
-def compare_page(request: Request) -> Response:
-    """Several sessions side by side, those that `?sessions=ID,ID` names; the page asks for them itself."""
-    return _file("compare.html", request)
+    return _page("session.html", "session", request)
 
 
 @router.get("/favicon.ico")
@@ -61,13 +62,27 @@ def static_file(name: str, request: Request) -> Response:
     return _file(name, request)
 
 
+def _page(name: str, scripts: str, request: Request) -> Response:
+    """A page, and word of its scripts: each would else be asked for only once the one that imports it is there."""
+    answer = _file(name, request)
+    modules = (path for path in _files() if path.startswith(f"{scripts}/") and path.endswith(".js"))
+    answer.headers["Link"] = ", ".join(f"</static/{module}>; rel=modulepreload" for module in modules)
+    return answer
+
+
 def _file(name: str, request: Request) -> Response:
     """The file, or 304 where the browser has it as it is."""
+    path = _files().get(name)
+    if path is None or not path.is_file():
+        raise HttpProblem(404, f"page file '{name}' is not here; there are {', '.join(_files()) or 'none'}")
+    answer = FileAnswer(path, media_type=MEDIA_TYPES[path.suffix], stat_result=path.stat())
+    return not_modified(answer.headers["etag"]) if unchanged(request, answer.headers["etag"]) else answer
+
+
+@cache
+def _files() -> dict[str, Path]:
+    """What may be asked for, by its path in the folder. Looked up once: a page asks for fifty of them."""
     files = {path.relative_to(STATIC).as_posix(): path for path in STATIC.rglob("*") if path.suffix in MEDIA_TYPES}
     # where they were left out of an installation, the system's own letters stand in for them
     files |= {f"fonts/{face}": FONTS / face for face in FACES if (FONTS / face).is_file()}
-    if name not in files:
-        raise HttpProblem(404, f"page file '{name}' is not here; there are {', '.join(sorted(files)) or 'none'}")
-    path = files[name]
-    answer = FileAnswer(path, media_type=MEDIA_TYPES[path.suffix], stat_result=path.stat())
-    return not_modified(answer.headers["etag"]) if unchanged(request, answer.headers["etag"]) else answer
+    return dict(sorted(files.items()))

@@ -128,3 +128,12 @@ def test_a_range_that_cannot_be_had_is_a_problem(
     if status == 416:
         assert answer.headers["content-range"].startswith("bytes */")
     assert served.client.get(path.format_map(known)).status_code == 200
+
+
+@pytest.mark.parametrize(("path", "scripts"), [("/", "start"), ("/compare", "compare"), ("/sessions/any/", "session")])
+def test_a_page_says_which_scripts_it_will_ask_for(served: Any, path: str, scripts: str) -> None:
+    told = served.client.get(path).headers["Link"].split(", ")
+    there = {f"</static/{scripts}/{file.name}>; rel=modulepreload" for file in (STATIC / scripts).glob("*.js")}
+    assert there and set(told) == there
+    for link in told:
+        assert served.client.get(link[1 : link.index(">")]).status_code == 200

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from app.routes.start_page import STATIC
 from tests.app.openapi_calls import sample
 from tests.app.raw_http import connect, everything, head
 from tests.app.test_connections import websocket

@@ -19,13 +19,13 @@ class ProposedRegion(BaseModel):
     """A thing that stands in the scans."""
 
     roi: list[float] = Field(
-        description="x0 y0 z0 x1 y1 z1, metres in world: the box around its points, 5 cm larger on every side",
+        description="x0 y0 z0 x1 y1 z1, metres in world: the box around its points, 10 cm larger on every side",
         min_length=6,
         max_length=6,
         examples=[[-0.1, -0.2, -0.1, 0.9, 0.7, 0.9]],
     )
     size: list[float] = Field(
-        description="metres, without the 5 cm: its height, and the longer and the shorter side of its footprint",
+        description="metres, without the 10 cm: its height, and the longer and the shorter side of its footprint",
         min_length=3,
         max_length=3,
         examples=[[0.74, 0.69, 0.48]],

@@ -29,10 +29,10 @@ from pmpnbp.scene.sizes_over_joints import reaches, sides, sides_over_joints, un
 from pmpnbp.scene.support_planes import ScenePoints, find_support_planes, level_tops
 
 MOST_REGIONS = 6
-# Metres that a box is larger than its points on every side. The planes' tolerances and the sensor's noise take the
-# lowest and the outermost of a thing's points away; a joint need not have room to move, as the region is only to hold
-# what was measured.
-MARGIN = 0.05
+# Metres that a box is larger than its points on every side. The planes' tolerances, the sensor's noise and gaps in what
+# is seen take the lowest and the outermost of a thing's points away; a joint need not have room to move, as the region
+# is only to hold what was measured.
+MARGIN = 0.1
 # Metres: of the points in one such cube one is taken.
 GRAIN = 0.012
 # Metres between neighbours of one cluster, and in tolerances of a plane, which grow with the distance; at most so many.

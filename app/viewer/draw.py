@@ -89,11 +89,8 @@ class Drawing:
             return scene.add_mesh_simple(name, node.vertices, node.faces, **given, **unlit, side=side)
         if isinstance(node, Lines):
             return scene.add_line_segments(name, **given, thickness_units="screen")
-        if isinstance(node, Ellipsoids):
-            vertices, faces = _sphere()
-            return scene.add_batched_meshes_simple(name, vertices, faces, **given, **unlit, lod="off")
-        if isinstance(node, Copies):
-            vertices, faces = node.vertices, node.faces
+        if isinstance(node, Ellipsoids | Copies):
+            vertices, faces = _sphere() if isinstance(node, Ellipsoids) else (node.vertices, node.faces)
             return scene.add_batched_meshes_simple(name, vertices, faces, **given, **unlit, lod="off")
         if isinstance(node, Label):
             return scene.add_label(name, **given, anchor="bottom-center")
@@ -146,24 +143,19 @@ def _change(handle: Any, old: Any, new: Any) -> None:
         handle.position, handle.wxyz = new.pose[:3], new.pose[3:]
 
 
+_BATCHED = {
+    "centres": "batched_positions",
+    "turns": "batched_wxyzs",
+    "colours": "batched_colors",
+    "opacities": "batched_opacities",
+}
 # Members of a node and viser's properties that they become; what makes a node calls them the same.
 _PROPERTIES: dict[type, dict[str, str]] = {
     Points: {"points": "points", "colours": "colors", "size": "point_size"},
     Surface: {"colour": "color", "opacity": "opacity"},
     Lines: {"segments": "points", "colour": "colors", "width": "thickness"},
-    Ellipsoids: {
-        "centres": "batched_positions",
-        "turns": "batched_wxyzs",
-        "radii": "batched_scales",
-        "colours": "batched_colors",
-        "opacities": "batched_opacities",
-    },
-    Copies: {
-        "centres": "batched_positions",
-        "turns": "batched_wxyzs",
-        "colours": "batched_colors",
-        "opacities": "batched_opacities",
-    },
+    Ellipsoids: {**_BATCHED, "radii": "batched_scales"},
+    Copies: _BATCHED,
     Frustum: {"colour": "color", "image": "image", "aspect": "aspect", "field_of_view": "fov", "size": "scale"},
     Label: {"text": "text", "size": "font_screen_scale"},
     Handle: {"size": "scale"},

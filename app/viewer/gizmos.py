@@ -119,9 +119,14 @@ def proposal_at(proposals: Sequence[Sequence[float]], origin: Array, ray: Array)
     return found
 
 
+def box_corners(box: Array) -> Array:
+    """(8, 3) of a box (6,)."""
+    return np.array([[box[3 * up + axis] for axis, up in enumerate(ends)] for ends in product((0, 1), repeat=3)])
+
+
 def _edges(box: Array) -> Floats:
     """(12, 2, 3): those of a box (6,)."""
-    corners = np.array([[box[3 * up + axis] for axis, up in enumerate(ends)] for ends in product((0, 1), repeat=3)])
+    corners = box_corners(box)
     pairs = [(a, b) for a in range(8) for b in range(a) if bin(a ^ b).count("1") == 1]
     edges: Floats = corners[np.array(pairs)].astype(np.float32)
     return edges

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 
-from app.viewer.stage import Shape, Stage
+from app.viewer.gizmos import box_corners
+from app.viewer.stage import Shape, Stage, triple
 from app.viewer.view_state import Eye, Look, ViewState
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
@@ -54,13 +53,13 @@ def framed(points: Array, towards: Array, up: Array, aspect: float) -> Eye:
     needed = np.abs(offset[:, :2]) / np.array([half * aspect, half])
     distance = ROOM * max(float((needed - offset[:, 2:]).max()), 1e-2)
     centre = middle @ axes
-    return Eye(position=_triple(centre - distance * forward), look_at=_triple(centre), up=_triple(up))
+    return Eye(position=triple(centre - distance * forward), look_at=triple(centre), up=triple(up))
 
 
 def _to_be_seen(part_poses: Array, state: ViewState, stage: Stage) -> Array:
     """(P, 3): the corners of the region where it is shown, else of the parts' boxes, with the ruler."""
     if state.show.region and state.region is not None:
-        return _box(np.array(state.region[:3]), np.array(state.region[3:]))
+        return box_corners(np.array(state.region))
     shapes = zip(stage.shapes, part_poses, strict=True)
     found = [poses.transform_points(pose, _corners(shape)) for shape, pose in shapes if shape is not None]
     if state.show.ruler and stage.ruler is not None:
@@ -71,12 +70,7 @@ def _to_be_seen(part_poses: Array, state: ViewState, stage: Stage) -> Array:
 def _corners(shape: Shape) -> Array:
     """(8, 3) of the box around a part, in its own frame."""
     triangles = shape.corners.astype(np.float64)
-    return _box(triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1)))
-
-
-def _box(low: Array, high: Array) -> Array:
-    """(8, 3) corners."""
-    return np.array([np.where(ends, high, low) for ends in product((False, True), repeat=3)])
+    return box_corners(np.concatenate([triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))]))
 
 
 def _sensor(stage: Stage, aspect: float) -> Eye:
@@ -89,13 +83,8 @@ def _sensor(stage: Stage, aspect: float) -> Eye:
     distance = max(float((np.array(stage.eye.look_at) - position) @ ahead), 0.1)
     half = max(camera.height / camera.fy, camera.width / camera.fx / aspect) / 2
     return Eye(
-        position=_triple(position),
-        look_at=_triple(position + distance * ahead),
-        up=_triple(up),
+        position=triple(position),
+        look_at=triple(position + distance * ahead),
+        up=triple(up),
         field_of_view=float(np.clip(2 * np.arctan(half), 0.02, 2.8)),
     )
-
-
-def _triple(vector: Array) -> tuple[float, float, float]:
-    x, y, z = (round(float(value), 6) for value in vector)
-    return x, y, z

@@ -174,9 +174,10 @@ def _eye(observation: Observation) -> Eye:
     distance = max(float(np.linalg.norm(back)), 1e-3)
     aside = poses.rotate(poses.from_rotation_vector(ASIDE * observation.up), back)
     position = target + FARTHER * aside + HIGHER * distance * observation.up
-    return Eye(position=_triple(position), look_at=_triple(target), up=_triple(observation.up))
+    return Eye(position=triple(position), look_at=triple(target), up=triple(observation.up))
 
 
-def _triple(vector: Array) -> tuple[float, float, float]:
+def triple(vector: Array) -> tuple[float, float, float]:
+    """A vector (3,) as a view's state has it."""
     x, y, z = (round(float(value), 6) for value in vector)
     return x, y, z

@@ -4,13 +4,13 @@ import { call, sessionPath } from "../session/api.js";
 import { byId, h, setText } from "../session/dom.js";
 import { withoutGraphicsCard } from "../session/economy.js";
 import { plural, stateWord } from "../session/format.js";
+import { onTheme, theme } from "../session/state.js";
 import { trouble } from "../start/confirm.js";
 import { showRows } from "./rows.js";
 import { changeAll, openView } from "./views.js";
 
 const MOST = 4; // sessions, as many as find place beside each other
 const EVERY = 2000; // milliseconds between two questions
-const dark = matchMedia("(prefers-color-scheme: dark)");
 
 let timer = null;
 
@@ -47,7 +47,7 @@ async function show(columns) {
   byId("together-row").hidden = columns.length < 2;
   for (const column of columns) byId("heads").append(head(column));
   fill(columns);
-  dark.addEventListener("change", () => changeAll(appearance()));
+  onTheme(() => changeAll(appearance()));
   document.addEventListener("visibilitychange", () => {
     changeAll(appearance());
     refresh(columns);
@@ -58,7 +58,7 @@ async function show(columns) {
 }
 
 const turnedTogether = () => byId("together").checked;
-const appearance = () => ({ theme: dark.matches ? "dark" : "light", hidden: document.hidden });
+const appearance = () => ({ theme: theme(), hidden: document.hidden });
 
 function head(column) {
   column.name = h("a", { href: column.session.view_url });

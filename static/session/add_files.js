@@ -24,16 +24,9 @@ export async function add(scan_id, mode) {
   update({ session: { ...state.session, scan_ids: session.scan_ids } });
 }
 
-async function send(file, camera) {
+function send(file, camera) {
   const form = new FormData();
   if (camera) form.append("camera", camera);
   form.append("file", file, file.name);
-  const response = await fetch("/api/v1/scans", {
-    method: "POST",
-    body: form,
-    headers: { Accept: "application/json" },
-  });
-  const answer = await response.json().catch(() => null);
-  if (response.ok && answer) return answer;
-  throw new Error(answer?.detail ?? `The server answered with ${response.status}.`);
+  return call("/api/v1/scans", { method: "POST", body: form });
 }

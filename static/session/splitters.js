@@ -2,6 +2,7 @@
 // remembers it.
 
 import { byId } from "./dom.js";
+import { recall, remember } from "./remembered.js";
 
 const STEP = 24; // pixels, for a key
 const KEY = "room on the session page";
@@ -26,13 +27,7 @@ const SPLITTERS = [
   },
 ];
 
-const kept = () => {
-  try {
-    return JSON.parse(localStorage.getItem(KEY)) ?? {};
-  } catch {
-    return {}; // no storage here, or not ours
-  }
-};
+const kept = () => recall(KEY, {});
 
 export function install() {
   const before = kept();
@@ -83,13 +78,7 @@ function drag(grip, place, event) {
   place.addEventListener("lostpointercapture", end, { once: true });
 }
 
-function keep(grip, pixels) {
-  try {
-    localStorage.setItem(KEY, JSON.stringify({ ...kept(), [grip.property]: pixels }));
-  } catch {
-    // it holds until the page is left
-  }
-}
+const keep = (grip, pixels) => remember(KEY, { ...kept(), [grip.property]: pixels });
 
 function forget(grip) {
   document.body.style.removeProperty(grip.property);

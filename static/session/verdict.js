@@ -8,6 +8,7 @@ import { jointEnds, named, percent } from "./format.js";
 import {
   isLive,
   isRecording,
+  iterates,
   newestIteration,
   partNamed,
   partOfLink,
@@ -67,8 +68,7 @@ function sentence({ state: here, fit, fit_reason: reason, certain }) {
   if (fit === "none") return ["Not found:", `${reason}.`];
   if (fit === "doubtful") return ["Doubtful:", `${reason}.`];
   if (fit !== "good") {
-    const going = ["running", "waiting"].includes(here);
-    return ["", going ? capital(phaseOf(state.rows.at(-1))) : "Not at rest yet"];
+    return ["", iterates() ? capital(phaseOf(state.rows.at(-1))) : "Not at rest yet"];
   }
   const estimate = newest();
   const explained = estimate?.explained ?? null;

@@ -168,12 +168,12 @@ def close_all(app: FastAPI) -> None:
 def _get_ready(app: FastAPI) -> None:
     """Compile kernels or load them from disk; then the sample session, where it was asked for."""
     try:
-        # the first scan need not wait for its reader's imports
-        app.state.parsers.warm("scans")
+        # the first upload need not wait for its reader's imports
+        app.state.parsers.warm()
         _kernels()
         app.state.ready = not app.state.stopping
         if app.state.config.demo and app.state.ready:
-            app.state.sessions.demo(app.state.parsers)
+            app.state.sessions.demo()
     except Exception:
         _log.exception("the server does not get ready")
 

@@ -131,7 +131,7 @@ def main() -> None:
         environment = os.environ | compiled_kernels.for_target(target)
         subprocess.run([sys.executable, "-m", "app.warm_up"], env=environment, check=True)
         # those who read uploads import less than this, and so look for what is compiled in another folder
-        reader = [sys.executable, "-m", "app.uploads.parse_worker", "scans", str(2 << 30), "60"]
+        reader = [sys.executable, "-m", "app.uploads.parse_worker", str(2 << 30), "60"]
         subprocess.run(reader, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, check=True)
     if not wanted:
         name = os.environ.get("NUMBA_CPU_NAME", "this processor")

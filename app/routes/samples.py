@@ -49,7 +49,7 @@ def list_samples() -> Any:
 def create_sample_session(body: SampleRequest, request: Request, response: Response) -> Any:
     """A new session with model, scan, region of interest and truth of a sample scene. Model and scan are kept once,
     however many sessions look at them."""
-    session = sessions_of(request).sample(body.scene, request.app.state.parsers)
+    session = sessions_of(request).sample(body.scene)
     if body.run:
         session.run(until="converged")
     document = session.status()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from app.store.store import Staging, Store
-from app.uploads.parsers import Parsers
+from app.uploads.summaries import read_model, read_scan
 from pmpnbp.errors import storage_told
 
 
@@ -58,7 +58,7 @@ SAMPLES = (
 DEMO, NAME = SAMPLES[0].scene, SAMPLES[0].name
 
 
-def sample_document(store: Store, parsers: Parsers, scene: str = "open") -> dict[str, Any]:
+def sample_document(store: Store, scene: str = "open") -> dict[str, Any]:
     """What `Sessions.create` takes for the sample `scene`.
 
     Model and scan are put into the store unless they are there from a sample before. Raises KeyError for a scene that
@@ -67,9 +67,9 @@ def sample_document(store: Store, parsers: Parsers, scene: str = "open") -> dict
     sample = {known.scene: known for known in SAMPLES}[scene]
     place = Path(str(files("sample_data"))) / sample.place
     with storage_told(), store.staging() as staging:
-        model_id = _model(store, parsers, staging, place.parent)
+        model_id = _model(store, staging, place.parent)
     with storage_told(), store.staging() as staging:
-        scan_id = _scan(store, parsers, staging, place)
+        scan_id = _scan(store, staging, place)
     return {
         "name": sample.name,
         "sample": scene,
@@ -83,7 +83,7 @@ def sample_document(store: Store, parsers: Parsers, scene: str = "open") -> dict
     }
 
 
-def _model(store: Store, parsers: Parsers, staging: Staging, folder: Path) -> str:
+def _model(store: Store, staging: Staging, folder: Path) -> str:
     """The id of the URDF in `folder`, zipped with its meshes where it has some."""
     source = folder / f"{folder.name}.urdf"
     meshes = sorted((folder / "meshes").glob("*"))
@@ -98,16 +98,16 @@ def _model(store: Store, parsers: Parsers, staging: Staging, folder: Path) -> st
     found = _known(store.documents("models"), staged)
     if found is not None:
         return found
-    summary = parsers.parse("models", staged, staging.folder / "model.out", None)
+    summary = read_model(staged)
     return str(store.add("models", staged, staged.name, summary)["id"])
 
 
-def _scan(store: Store, parsers: Parsers, staging: Staging, place: Path) -> str:
+def _scan(store: Store, staging: Staging, place: Path) -> str:
     """The id of the depth image in `place`, called by its scene's name, as all of them are files `depth.png`."""
     depth, camera, out = (staging.folder / name for name in (f"{place.name}.png", "camera.json", "scan.npz"))
     shutil.copyfile(place / "depth.png", depth)
     shutil.copyfile(place / "camera.json", camera)
-    summary = parsers.parse("scans", depth, out, camera)
+    summary = read_scan(depth, camera, out)
     return _known(store.documents("scans"), out) or str(store.add("scans", out, depth.name, summary)["id"])
 
 

@@ -25,7 +25,6 @@ from app.sessions.uploaded import UploadedRecording
 from app.sessions.worker import share_interpreter
 from app.store.idempotency import Call
 from app.store.store import Store
-from app.uploads.parsers import Parsers
 from pmpnbp.errors import StorageError
 from pmpnbp.settings import SessionOptions
 
@@ -151,12 +150,12 @@ class Sessions:
         for thread in threads:
             thread.join()
 
-    def demo(self, parsers: Parsers) -> Session | None:
+    def demo(self) -> Session | None:
         """Make, or find, the sample session, and run it; None where it cannot be made, as on a full disk."""
         found = self._demo()
         if found is None:
             try:
-                found = self.sample(DEMO, parsers)
+                found = self.sample(DEMO)
             except (HttpProblem, StorageError) as problem:
                 _log.warning("no sample session is opened: %s", problem)
                 return None
@@ -172,9 +171,9 @@ class Sessions:
         with self._lock:
             return next((self._sessions[id] for id in known if id in self._sessions), None)
 
-    def sample(self, scene: str, parsers: Parsers) -> Session:
+    def sample(self, scene: str) -> Session:
         """A new session at iteration 0 that looks at a scene of `sample.SAMPLES`."""
-        return self.create(sample_document(self._store, parsers, scene))
+        return self.create(sample_document(self._store, scene))
 
     def _create(self, document: Document, call: Call | None) -> Session:
         document = named(document, self._store)

@@ -1,11 +1,12 @@
 """What is in an uploaded file? Read here, in a process of its own that has nothing to lose.
 
-    python -m app.uploads.parse_worker KIND BYTES SECONDS
+    python -m app.uploads.parse_worker BYTES SECONDS
 
-KIND is models, scans or recordings; BYTES of memory is what the process may take, SECONDS of processor time what a file
-may take; past either the process dies or says so. It says `{"ready": true}`, then reads files by the line on standard
-input, `{"path", "camera", "out"}` as JSON, and answers each with a line: `{"summary": {…}}` or `{"error": "a
-sentence"}`. It ends with its input. A process serves several files, because its imports take longer than a file.
+BYTES of memory is what the process may take, SECONDS of processor time what a file may take; past either the process
+dies or says so. It says `{"ready": true}`, then reads files by the line on standard input, `{"kind", "path", "camera",
+"out"}` as JSON, the kind being models, scans or recordings, and answers each with a line: `{"summary": {…}}` or
+`{"error": "a sentence"}`. It ends with its input. A process serves several files, because its imports take longer than
+a file.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ Job = dict[str, Any]
 Summary = dict[str, Any]
 
 
-def main(kind: str, memory: int, seconds: float) -> None:
-    """Serve files of `kind` until standard input ends."""
+def main(memory: int, seconds: float) -> None:
+    """Serve files until standard input ends."""
     answers = _private_output()
     # A system that lacks a limit (macOS has no RLIMIT_AS) still has the wall clock of the parent.
     for limit, value in (
@@ -43,13 +44,13 @@ def main(kind: str, memory: int, seconds: float) -> None:
     ):
         with suppress(ValueError, OSError):
             resource.setrlimit(limit, (value, value))
-    read = _reader(kind)
+    readers = _readers()
     _say(answers, {"ready": True})
     for line in sys.stdin:
         _allow_processor_time(seconds)
         job = json.loads(line)
         tempfile.tempdir = str(Path(job["path"]).parent)  # what a killed process leaves goes with the upload
-        _say(answers, _answer(read, job))
+        _say(answers, _answer(readers[job["kind"]], job))
 
 
 def _answer(read: Callable[[Job], Summary], job: Job) -> dict[str, Any]:
@@ -66,70 +67,20 @@ def _answer(read: Callable[[Job], Summary], job: Job) -> dict[str, Any]:
         return {"error": f"'{name}' cannot be read: it is damaged", "unexpected": f"{type(error).__name__}: {error}"}
 
 
-def _reader(kind: str) -> Callable[[Job], Summary]:
-    """The reader, with everything it needs imported: later nothing is."""
-    if kind == "models":
-        from pmpnbp.scene.urdf import load_model
+def _readers() -> dict[str, Callable[[Job], Summary]]:
+    """The readers by kind, with everything they need imported: later nothing is."""
+    from app.uploads.summaries import read_model, read_scan
+    from pmpnbp.recording import Recording
+    from pmpnbp.recording.reopening import last_shown
+    from pmpnbp.scene import lzf
 
-        return lambda job: _model(job, load_model)
-    if kind == "scans":
-        from app.store.stored_scan import write_scan
-        from pmpnbp.scene import lzf
-        from pmpnbp.scene.scan_files import load_scan
-
-        lzf.lzf_decode(b"\0a", 1)
-        return lambda job: _scan(job, load_scan, write_scan)
-    if kind == "recordings":
-        from pmpnbp.recording import Recording
-        from pmpnbp.recording.reopening import last_shown
-
-        return lambda job: _recording(job, Recording, last_shown)
-    raise SystemExit(f"no such kind: {kind}")
-
-
-def _model(job: Job, load_model: Callable[[Path], Any]) -> Summary:
-    model = load_model(Path(job["path"]))
-    joints = [
-        {
-            "name": joint.name,
-            "type": joint.kind,
-            "parent": joint.parent,
-            "child": joint.child,
-            "lower": None if joint.kind == "fixed" else joint.lower,
-            "upper": None if joint.kind == "fixed" else joint.upper,
-            "mimic": joint.mimic,
-        }
-        for joint in model.joints
-    ]
-    parts = [{"name": part.name, "links": list(part.links)} for part in model.parts]
-    return {"name": model.name, "links": list(model.links), "joints": joints, "parts": parts}
-
-
-def _scan(job: Job, load_scan: Callable[..., Any], write_scan: Callable[..., None]) -> Summary:
-    import numpy as np
-
-    from pmpnbp.geometry import poses
-
-    scan = load_scan(Path(job["path"]), Path(job["camera"]) if job["camera"] else None)
-    camera, valid = scan.camera, scan.depth > 0
-    points = camera.back_project(scan.depth)[valid].astype(np.float64)
-    points = poses.transform_points(camera.pose_world_camera, points)
-    write_scan(Path(job["out"]), scan)
+    lzf.lzf_decode(b"\0a", 1)
     return {
-        "points": int(valid.sum()),
-        "valid_fraction": float(valid.mean()),
-        "camera": {
-            "width": camera.width,
-            "height": camera.height,
-            "fx": float(camera.fx),
-            "fy": float(camera.fy),
-            "cx": float(camera.cx),
-            "cy": float(camera.cy),
-            "T_world_camera": poses.to_matrix(camera.pose_world_camera).reshape(-1).tolist(),
-            "frame_id": scan.frame_id,
-            "stamp": scan.stamp,
-        },
-        "bounds": [*points.min(axis=0).tolist(), *points.max(axis=0).tolist()],
+        "models": lambda job: read_model(Path(job["path"])),
+        "scans": lambda job: read_scan(
+            Path(job["path"]), Path(job["camera"]) if job["camera"] else None, Path(job["out"])
+        ),
+        "recordings": lambda job: _recording(job, Recording, last_shown),
     }
 
 
@@ -237,4 +188,4 @@ def _peak_bytes() -> int:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]))
+    main(int(sys.argv[1]), float(sys.argv[2]))

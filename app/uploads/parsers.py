@@ -22,7 +22,7 @@ from app.problems import HttpProblem
 # Files that a process reads before a fresh one takes its place, and the memory it may have needed for one of them.
 MOST_FILES = 100
 MOST_BYTES = 1 << 30
-# Processes of a kind that stay when they have nothing to do.
+# Processes that stay when they have nothing to do.
 MOST_IDLE = 2
 # With the answer to an upload whose reader was killed.
 LATER = {"Retry-After": "10"}
@@ -68,8 +68,7 @@ class _Late(Exception):
 class _Worker:
     """One `app.uploads.parse_worker`, started at once, ready some time after."""
 
-    def __init__(self, kind: str, memory: int, seconds: float) -> None:
-        self.kind = kind
+    def __init__(self, memory: int, seconds: float) -> None:
         self.files = 0
         self.peak_bytes = 0
         self._ready = False
@@ -78,7 +77,7 @@ class _Worker:
         environment = {name: value for name, value in os.environ.items() if name in _ENVIRONMENT}
         environment |= {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "app.uploads.parse_worker", kind, str(memory), str(seconds)],
+            [sys.executable, "-m", "app.uploads.parse_worker", str(memory), str(seconds)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -154,20 +153,18 @@ class Parsers:
         self._memory = memory
         self._seconds = seconds
         self._lock = threading.Lock()
-        self._idle: dict[str, list[_Worker]] = {}
+        self._idle: list[_Worker] = []
         self._closed = False
 
-    def warm(self, *kinds: str) -> None:
-        """Have a process ready for files of each of these kinds."""
-        for kind in kinds:
-            self._put_back(self._take(kind))
+    def warm(self) -> None:
+        """Have a process ready."""
+        self._put_back(self._take())
 
     def close(self) -> None:
         """End every process that has nothing to do; the others end with their work."""
         with self._lock:
             self._closed = True
-            idle = [worker for workers in self._idle.values() for worker in workers]
-            self._idle.clear()
+            idle, self._idle = self._idle, []
         for worker in idle:
             worker.end()
 
@@ -177,14 +174,14 @@ class Parsers:
         Raises HttpProblem 422 with the reader's sentence, or where it crashed or took too long; 503 where it was killed
         twice; 507 on a full disk.
         """
-        job = {"path": str(path), "camera": None if camera is None else str(camera), "out": str(out)}
+        job = {"kind": kind, "path": str(path), "camera": None if camera is None else str(camera), "out": str(out)}
         try:
-            answer = self._ask(kind, job, path)
+            answer = self._ask(job, path)
         except _Gone as gone:
             if not gone.killed:  # a signal of its own: a crash, or its limit of processor time
                 raise HttpProblem(422, f"'{path.name}' cannot be read: it made its reader crash") from None
             try:
-                answer = self._ask(kind, job, path)
+                answer = self._ask(job, path)
             except _Gone:
                 raise HttpProblem(
                     503, f"the process that reads '{path.name}' was killed twice; send it again later", headers=LATER
@@ -196,9 +193,9 @@ class Parsers:
             raise HttpProblem(507 if full else 422, answer["error"])
         return dict(answer["summary"])
 
-    def _ask(self, kind: str, job: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    def _ask(self, job: Mapping[str, Any], path: Path) -> dict[str, Any]:
         """What a process answers to `job`. Raises _Gone; HttpProblem 422 where it takes too long."""
-        worker, answer = self._take(kind), None
+        worker, answer = self._take(), None
         try:
             self._get_ready(worker)
             answer = worker.ask(job, time.monotonic() + self._seconds)
@@ -208,12 +205,12 @@ class Parsers:
                 422, f"'{path.name}' takes longer to read than the {self._seconds:g} s that an upload may"
             ) from None
         except _Gone:
-            _log.warning("the process that reads %s ended at an upload of %s bytes", kind, path.stat().st_size)
+            _log.warning("the process that reads %s ended at an upload of %s bytes", job["kind"], path.stat().st_size)
             raise
         finally:
             if answer is None or "unexpected" in answer or worker.files >= MOST_FILES or worker.peak_bytes > MOST_BYTES:
                 worker.end()
-                worker = self._start(kind)
+                worker = self._start()
             self._put_back(worker)
 
     def _get_ready(self, worker: _Worker) -> None:
@@ -224,26 +221,24 @@ class Parsers:
             if isinstance(error, _Gone) and error.killed:
                 raise
             raise HttpProblem(
-                500, f"the process that reads {worker.kind} does not start within {self._memory >> 20} MiB of memory"
+                500, f"the process that reads uploads does not start within {self._memory >> 20} MiB of memory"
             ) from None
 
-    def _take(self, kind: str) -> _Worker:
+    def _take(self) -> _Worker:
         with self._lock:
-            waiting = self._idle.get(kind, [])
-            while waiting:
-                worker = waiting.pop()
+            while self._idle:
+                worker = self._idle.pop()
                 if worker.alive:
                     return worker
                 worker.end()
-        return self._start(kind)
+        return self._start()
 
-    def _start(self, kind: str) -> _Worker:
-        return _Worker(kind, self._memory, self._seconds)
+    def _start(self) -> _Worker:
+        return _Worker(self._memory, self._seconds)
 
     def _put_back(self, worker: _Worker) -> None:
         with self._lock:
-            waiting = self._idle.setdefault(worker.kind, [])
-            if not self._closed and len(waiting) < MOST_IDLE:
-                waiting.append(worker)
+            if not self._closed and len(self._idle) < MOST_IDLE:
+                self._idle.append(worker)
                 return
         worker.end()

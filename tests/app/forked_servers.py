@@ -167,10 +167,10 @@ def _fork_reader(listening: socket.socket) -> None:
         os.close(stream)
     sys.stdin = open(0, encoding="utf-8")  # noqa: SIM115  # the old one may have read ahead
     try:
-        _, _, kind, memory, seconds = json.loads(data)  # "-m", the module, then its arguments
+        _, _, memory, seconds = json.loads(data)  # "-m", the module, then its arguments
         from app.uploads import parse_worker
 
-        parse_worker.main(kind, int(memory), float(seconds))
+        parse_worker.main(int(memory), float(seconds))
     finally:
         os._exit(0)
 

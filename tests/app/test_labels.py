@@ -195,8 +195,8 @@ def test_a_damaged_session_and_a_recording_keep_their_names(client: httpx.Client
 def test_the_sample_is_found_again_whatever_it_is_called(serve: Callable[..., Any]) -> None:
     served = serve()
     state = served.ready().app.state
-    session = state.sessions.demo(state.parsers)
+    session = state.sessions.demo()
     session.pause().result()
     session.label({"name": "mine"})
-    assert state.sessions.demo(state.parsers) is session
+    assert state.sessions.demo() is session
     session.pause().result()

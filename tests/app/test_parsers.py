@@ -37,7 +37,7 @@ def scan_file(tmp_path: Path) -> Path:
 
 def worker_pid(parsers: Parsers) -> int:
     """Of the process that would read the next scan."""
-    return int(parsers._idle["scans"][-1]._process.pid)
+    return int(parsers._idle[-1]._process.pid)
 
 
 def test_a_process_reads_many_files_and_carries_no_secret(
@@ -45,7 +45,7 @@ def test_a_process_reads_many_files_and_carries_no_secret(
 ) -> None:
     monkeypatch.setenv("PMPNBP_TOKEN", "7d1f0c")
     monkeypatch.setenv("CLOUD_KEY", "7d1f0c")
-    parsers.warm("scans")
+    parsers.warm()
     first = worker_pid(parsers)
     for _ in range(3):
         assert parsers.parse("scans", scan_file, tmp_path / "out.npz")["points"] > 0
@@ -58,7 +58,7 @@ def test_a_process_is_replaced_after_a_while(
     parsers: Parsers, scan_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("app.uploads.parsers.MOST_FILES", 2)
-    parsers.warm("scans")
+    parsers.warm()
     first = worker_pid(parsers)
     parsers.parse("scans", scan_file, tmp_path / "out.npz")
     assert worker_pid(parsers) == first
@@ -70,8 +70,8 @@ def test_a_process_is_replaced_after_a_while(
 def test_a_file_that_takes_too_long_is_given_up(scan_file: Path, tmp_path: Path) -> None:
     parsers = Parsers(2 * GIB, 0.2)
     try:
-        parsers.warm("scans")
-        worker = parsers._idle["scans"][-1]
+        parsers.warm()
+        worker = parsers._idle[-1]
         worker.wait_ready(time.monotonic() + 600)
         os.kill(worker._process.pid, signal.SIGSTOP)  # for a file that never ends
         with pytest.raises(HttpProblem, match=r"'a\.npy' takes longer to read than the 0\.2 s") as caught:
@@ -86,8 +86,8 @@ def test_a_file_that_takes_too_long_is_given_up(scan_file: Path, tmp_path: Path)
 def test_a_file_that_crashes_its_reader_is_refused_and_the_next_is_read(
     parsers: Parsers, scan_file: Path, tmp_path: Path
 ) -> None:
-    parsers.warm("scans")
-    worker = parsers._idle["scans"][-1]
+    parsers.warm()
+    worker = parsers._idle[-1]
     worker.wait_ready(time.monotonic() + 600)
     crash(worker, signal.SIGSEGV)
     with pytest.raises(HttpProblem, match="it made its reader crash") as caught:
@@ -109,8 +109,8 @@ def crash(worker: Any, with_signal: signal.Signals) -> None:
 
 
 def test_a_file_whose_reader_was_killed_is_read_once_more(parsers: Parsers, scan_file: Path, tmp_path: Path) -> None:
-    parsers.warm("scans")
-    worker = parsers._idle["scans"][-1]
+    parsers.warm()
+    worker = parsers._idle[-1]
     worker.wait_ready(time.monotonic() + 600)
     crash(worker, signal.SIGKILL)
     assert parsers.parse("scans", scan_file, tmp_path / "out.npz")["points"] > 0
@@ -134,8 +134,8 @@ def test_a_file_whose_readers_are_killed_may_come_again(
 
 
 def test_a_process_that_died_of_itself_is_no_uploads_fault(parsers: Parsers, scan_file: Path, tmp_path: Path) -> None:
-    parsers.warm("scans")
-    worker = parsers._idle["scans"][-1]
+    parsers.warm()
+    worker = parsers._idle[-1]
     os.kill(worker._process.pid, signal.SIGKILL)
     worker._process.wait()
     assert parsers.parse("scans", scan_file, tmp_path / "out.npz")["points"] > 0
@@ -167,9 +167,9 @@ def test_a_limit_that_leaves_no_room_for_the_reader_is_the_servers_fault(scan_fi
 
 def test_processes_end_with_their_server(scan_file: Path, tmp_path: Path) -> None:
     parsers = Parsers(2 * GIB, 30.0)
-    parsers.warm("scans")
+    parsers.warm()
     pid = worker_pid(parsers)
     parsers.close()
     assert not Path(f"/proc/{pid}").exists()
     assert parsers.parse("scans", scan_file, tmp_path / "out.npz")["points"] > 0  # an upload that was under way
-    assert parsers._idle == {"scans": []}
+    assert parsers._idle == []

@@ -301,9 +301,9 @@ def test_reset_begins_with_what_is_in_force(client: httpx.Client, path: str, mod
 def test_the_sample_session_is_made_once_and_runs(serve: Callable[..., Any]) -> None:
     served = serve()
     state = served.ready().app.state
-    session = state.sessions.demo(state.parsers)
+    session = state.sessions.demo()
     session.pause().result()
-    assert state.sessions.demo(state.parsers) is session
+    assert state.sessions.demo() is session
     session.pause().result()
     (found,) = served.client.get("/api/v1/sessions").json()
     assert found["name"].startswith("Sample") and found["iteration"] >= 0

@@ -30,11 +30,11 @@ PAGE_POLICY = (
     "connect-src 'self' data: blob:; frame-src 'self'; manifest-src 'self'; base-uri 'none'; form-action 'self'; "
     "frame-ancestors 'self'"
 )
-# viser's client is one page of inline script that unpacks WebAssembly, starts workers from data: and evaluates the
-# script of its plots. `connect-src 'self'` is what keeps `?websocket=` in a link from talking to another server.
+# viser's client has inline script that unpacks WebAssembly, starts workers from data: and evaluates the script of its
+# plots. `connect-src 'self'` is what keeps `?websocket=` in a link from talking to another server.
 VIEW_POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob: data:; worker-src blob: data:; "
-    "style-src 'unsafe-inline'; img-src 'self' data: blob:; font-src data:; connect-src 'self' data: blob:; "
+    "default-src 'none'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; worker-src blob: data:; "
+    "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src data:; connect-src 'self' data: blob:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
 )
 _ALWAYS = {

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
 from fastapi import APIRouter, Request, Response
+from fastapi.responses import HTMLResponse
 
 from app.http.file_answers import FileAnswer
 from app.problems import HttpProblem
 from app.routes.entries import not_modified
 from app.uploads.uploads import unchanged
+from app.viewer.client_files import LASTING, client_places
 
 router = APIRouter(include_in_schema=False)
 
@@ -63,20 +66,47 @@ def static_file(name: str, request: Request) -> Response:
 
 
 def _page(name: str, scripts: str, request: Request) -> Response:
-    """A page, and word of its scripts: each would else be asked for only once the one that imports it is there."""
-    answer = _file(name, request)
-    modules = (path for path in _files() if path.startswith(f"{scripts}/") and path.endswith(".js"))
-    answer.headers["Link"] = ", ".join(f"</static/{module}>; rel=modulepreload" for module in modules)
-    return answer
+    """A page, and word of its scripts: each would else be asked for only once the one that imports it is there. Its
+    files' addresses hold their version, so that a browser that has them does not ask for them again."""
+    place = f"/static/{_version()}/"
+    needed = [f'<link rel="modulepreload" href="{place}{module}">' for module in _modules(scripts)]
+    soon = [] if scripts == "session" else [f"{place}{module}" for module in _modules("session")] + client_places()
+    later = [f'<link rel="prefetch" href="{path}">' for path in soon]
+    text = _found(name).read_text(encoding="utf-8").replace('"/static/', f'"{place}')
+    text = text.replace("</head>", "\n".join([*needed, *later, "</head>"]))
+    tag = f'"{hashlib.sha256(text.encode()).hexdigest()[:32]}"'
+    if unchanged(request, tag):
+        return not_modified(tag)
+    return HTMLResponse(text, headers={"ETag": tag})
 
 
 def _file(name: str, request: Request) -> Response:
-    """The file, or 304 where the browser has it as it is."""
+    """The file, or 304 where the browser has it as it is; under the name of the present version it never changes."""
+    version, _, rest = name.partition("/")
+    named = version == _version()
+    path = _found(rest if named else name)
+    answer = FileAnswer(path, media_type=MEDIA_TYPES[path.suffix], stat_result=path.stat())
+    if named:
+        answer.headers["Cache-Control"] = LASTING
+    return not_modified(answer.headers["etag"]) if unchanged(request, answer.headers["etag"]) else answer
+
+
+def _found(name: str) -> Path:
     path = _files().get(name)
     if path is None or not path.is_file():
         raise HttpProblem(404, f"page file '{name}' is not here; there are {', '.join(_files()) or 'none'}")
-    answer = FileAnswer(path, media_type=MEDIA_TYPES[path.suffix], stat_result=path.stat())
-    return not_modified(answer.headers["etag"]) if unchanged(request, answer.headers["etag"]) else answer
+    return path
+
+
+def _modules(folder: str) -> list[str]:
+    return [path for path in _files() if path.startswith(f"{folder}/") and path.endswith(".js")]
+
+
+def _version() -> str:
+    """Of all files together, as they are now: one that is edited while the server runs is seen at once."""
+    states = [(name, path.stat()) for name, path in _files().items() if path.is_file()]
+    told = repr([(name, state.st_mtime_ns, state.st_size) for name, state in states])
+    return hashlib.sha256(told.encode()).hexdigest()[:12]
 
 
 @cache

@@ -42,6 +42,19 @@ _POINTS_BEHIND = """<script>
 }
 </script>"""
 
+# The page around is told once of the first picture in which there is something: points, of the scan or the belief.
+_SAYS_DRAWN = """<script>
+{
+  const context = WebGL2RenderingContext.prototype, draw = context.drawArrays;
+  context.drawArrays = function (mode, ...range) {
+    draw.call(this, mode, ...range);
+    if (mode !== this.POINTS) return;
+    context.drawArrays = draw;
+    window.frameElement?.dispatchEvent(new Event("drawn"));
+  };
+}
+</script>"""
+
 # With `?economy`, which the session's page says where there is no graphics card, the processor draws: edges are not
 # smoothed, but for a moment after a hand has moved there is a pause between two frames, and viser's frame a second for
 # no reason comes every five. viser goes on drawing for 250 ms after each change; while the session iterates, which the
@@ -90,4 +103,4 @@ if (new URLSearchParams(location.search).has("economy")) {
 def scene_only(page: str, script: str = "") -> str:
     """A page of viser's, HTML, of which only the scene is seen. script : elements to be read first"""
     start = page.index("<head>") + len("<head>")
-    return page[:start] + _STYLE + _RECONNECT + _POINTS_BEHIND + _ECONOMY + script + page[start:]
+    return page[:start] + _STYLE + _RECONNECT + _POINTS_BEHIND + _SAYS_DRAWN + _ECONOMY + script + page[start:]

@@ -13,7 +13,7 @@ from contextlib import suppress
 import anyio.to_thread
 import websockets.asyncio.client
 from fastapi import APIRouter, Request, WebSocket
-from fastapi.responses import HTMLResponse
+from fastapi.responses import HTMLResponse, Response
 from starlette.websockets import WebSocketDisconnect, WebSocketState
 from websockets.asyncio.client import ClientConnection
 from websockets.exceptions import ConnectionClosed
@@ -21,7 +21,8 @@ from websockets.typing import Subprotocol
 
 from app.problems import HttpProblem, problem_response
 from app.security import VIEW_POLICY
-from app.viewer.client_page import CLIENT_PAGE, scene_only
+from app.viewer.client_files import LASTING, PLACE, client
+from app.viewer.client_page import scene_only
 from app.viewer.view import View
 from app.viewer.views import new_view_id
 from app.viewer.viser_server import SECRET_HEADER, is_finite, members_of
@@ -48,7 +49,17 @@ def open_view(request: Request, session_id: str) -> HTMLResponse:
     request.app.state.sessions.get(session_id)  # 404 where there is none
     script = "" if "view_id" in request.path_params else _NAME_ITSELF.format(view=new_view_id())
     headers = {"Content-Security-Policy": VIEW_POLICY, "Cache-Control": "no-store"}
-    return HTMLResponse(scene_only(CLIENT_PAGE.read_text(encoding="utf-8"), script), headers=headers)
+    return HTMLResponse(scene_only(client()[0], script), headers=headers)
+
+
+@router.get(PLACE + "{name}")
+def client_file(name: str) -> Response:
+    """A file of viser's program, which never changes under its name."""
+    files = client()[1]
+    if name not in files:
+        raise HttpProblem(404, f"file '{name:.80}' is not here; there are {', '.join(files) or 'none'}")
+    headers = {"Content-Encoding": "gzip", "Cache-Control": LASTING}
+    return Response(files[name].zipped, media_type=files[name].media_type, headers=headers)
 
 
 @router.websocket("/sessions/{session_id}/view")

@@ -2,8 +2,8 @@
 
 import { call, sessionPath } from "../session/api.js";
 import { byId, h, setText } from "../session/dom.js";
-import { withoutGraphicsCard } from "../session/economy.js";
 import { plural, stateWord } from "../session/format.js";
+import { withoutGraphicsCard } from "../session/graphics.js";
 import { onTheme, theme } from "../session/state.js";
 import { trouble } from "../start/confirm.js";
 import { showRows } from "./rows.js";

@@ -3,9 +3,9 @@
 // made, so that the page and the inference do not wait for each other's processor.
 
 import { run } from "./controls.js";
+import { drawn } from "./scene_frame.js";
 import { isRecording, newestIteration, oldestIteration, state } from "./state.js";
 import { follow } from "./timeline.js";
-import { drawn } from "./view.js";
 
 const PATIENCE = 8000; // milliseconds: a browser that draws no scene shows its numbers
 

@@ -4,6 +4,7 @@
 import { playOrPause, step } from "./controls.js";
 import { byId } from "./dom.js";
 import { look } from "./overlays.js";
+import { eachLoad } from "./scene_frame.js";
 import * as setup from "./setup.js";
 import { isRecording } from "./state.js";
 import { live, move, playback } from "./timeline.js";
@@ -13,11 +14,11 @@ const TAKES_SPACE = "button, summary, a, [role=button], [role=tab]";
 const TAKES_ARROWS = "[role=tab]";
 const OF_THE_SCENE = [" ", "l", "?", "f", "c", "t"];
 
-export function install(frame) {
+export function install() {
   document.addEventListener("keydown", press);
-  frame.addEventListener("load", () => {
+  eachLoad((frame) => {
     try {
-      frame.contentWindow.addEventListener("keydown", (event) => {
+      frame.addEventListener("keydown", (event) => {
         if (OF_THE_SCENE.includes(event.key.toLowerCase())) press(event);
       });
     } catch {

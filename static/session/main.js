@@ -4,7 +4,6 @@ import * as algorithm from "./algorithm.js";
 import { call } from "./api.js";
 import * as compare from "./compare.js";
 import * as controls from "./controls.js";
-import { byId } from "./dom.js";
 import * as economy from "./economy.js";
 import * as edge from "./edge.js";
 import * as estimate from "./estimate.js";
@@ -21,6 +20,7 @@ import * as pairPlot from "./pair_plot.js";
 import * as part from "./part.js";
 import * as particle from "./particle.js";
 import * as plots from "./plots.js";
+import * as sceneFrame from "./scene_frame.js";
 import { see } from "./seen.js";
 import * as settings from "./settings.js";
 import * as setup from "./setup.js";
@@ -45,30 +45,28 @@ import { changeView, declareView, openView } from "./view.js";
 import * as words from "./words.js";
 
 const AGAIN = 2000; // milliseconds to the next try where the server does not answer
+let awaited = false; // whether the server did not answer at once
 
 begin();
 
 async function begin() {
-  const frame = byId("scene");
-  state.id = decodeURIComponent(location.pathname.split("/")[2]);
-  state.viewId = viewId();
+  state.id = sceneFrame.sessionId;
+  state.viewId = sceneFrame.viewId;
   const first = share.viewOfLink(location.search);
   controls.install();
   await untilAnswered(declareView);
   tabs.install(new URLSearchParams(location.search).get("tab"));
   const about = [verdict, timeline, plots, graph, estimate, howSure, part, nextViews, pairPlot, algorithm, edge];
   for (const piece of [...about, particle, newScan, layers, overlays, economy, compare, share]) piece.install();
-  keyboard.install(frame);
+  keyboard.install();
   splitters.install();
   words.install();
   settings.install().catch((error) => update({ trouble: error.message }));
-  const asked = new URLSearchParams(location.search).get("economy");
-  const sparing = asked === null ? economy.withoutGraphicsCard() : asked !== "0";
-  if (!(await loadSession(sparing))) return;
+  if (!(await loadSession())) return;
   const { search } = location; // it is another once the page keeps it
   const watched = fromStart.asked(search);
-  await openView({ ...(watched ? { iteration: oldestIteration() } : {}), ...first, economy: sparing });
-  frame.src = `/sessions/${encodeURIComponent(state.id)}/view/${state.viewId}/${sparing ? "?economy" : ""}`;
+  await openView({ ...(watched ? { iteration: oldestIteration() } : {}), ...first, economy: sceneFrame.sparing });
+  if (awaited) sceneFrame.begin(); // what it loaded before was no 3D view
   subscribe(["rows", "view", "lost"], refreshEstimate);
   subscribe(["view", "tab"], keepAddress);
   onTheme(() => changeView({ theme: theme() }));
@@ -103,11 +101,12 @@ async function reportDamage() {
 }
 
 // Whether there is such a session.
-async function loadSession(sparing) {
+async function loadSession() {
   try {
-    await untilAnswered(() => follow(state.id, sparing));
+    await untilAnswered(() => follow(state.id, sceneFrame.sparing));
     return true;
   } catch (error) {
+    sceneFrame.end();
     update({ session: { id: state.id, name: "Not here", state: "deleted", error: error.message } });
     return false;
   }
@@ -120,22 +119,11 @@ async function untilAnswered(ask) {
       return await ask();
     } catch (error) {
       if (error.status !== 0 && error.status < 500) throw error;
+      awaited = true;
       update({ lost: true, session: state.session ?? { id: state.id, state: "paused" } });
       await new Promise((resolve) => setTimeout(resolve, AGAIN));
     }
   }
-}
-
-// A tab's view keeps its name when it is loaded again, and another tab has another one.
-function viewId() {
-  const key = `view of ${state.id}`;
-  const asked = new URLSearchParams(location.search).get("view");
-  if (asked && /^[A-Za-z0-9_-]{1,64}$/.test(asked)) return asked;
-  const name =
-    sessionStorage.getItem(key) ??
-    crypto.getRandomValues(new Uint32Array(2)).reduce((text, value) => text + value.toString(16).padStart(8, "0"), "");
-  sessionStorage.setItem(key, name);
-  return name;
 }
 
 let addressTimer = null;

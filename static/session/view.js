@@ -9,12 +9,6 @@ let queued = {};
 let sent = null; // on its way
 let closeEvents = null;
 let revision = 0; // of the newest answer or event that was applied
-let sayDrawn = null;
-
-// Resolves once something is drawn in the view.
-export const drawn = new Promise((resolve) => {
-  sayDrawn = resolve;
-});
 
 const path = () => `${sessionPath(state.id)}/views/${state.viewId}`;
 
@@ -46,7 +40,7 @@ export async function openView(first) {
   closeEvents?.();
   closeEvents = listen(
     `${path()}/events`,
-    { view: applyAnswer, drawn: sayDrawn },
+    { view: applyAnswer },
     {
       opened: () => {
         revision = 0; // a view that was forgotten counts anew

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 from collections import defaultdict
 from collections.abc import Callable
@@ -133,8 +134,23 @@ def test_a_range_that_cannot_be_had_is_a_problem(
 
 @pytest.mark.parametrize(("path", "scripts"), [("/", "start"), ("/compare", "compare"), ("/sessions/any/", "session")])
 def test_a_page_says_which_scripts_it_will_ask_for(served: Any, path: str, scripts: str) -> None:
-    told = served.client.get(path).headers["Link"].split(", ")
-    there = {f"</static/{scripts}/{file.name}>; rel=modulepreload" for file in (STATIC / scripts).glob("*.js")}
-    assert there and set(told) == there
+    told = re.findall(r'<link rel="modulepreload" href="([^"]+)">', served.client.get(path).text)
+    assert {file.split("/", 3)[3] for file in told} == {
+        f"{scripts}/{file.name}" for file in (STATIC / scripts).glob("*.js")
+    }
     for link in told:
-        assert served.client.get(link[1 : link.index(">")]).status_code == 200
+        assert served.client.get(link).status_code == 200
+
+
+def test_what_a_page_asks_for_may_be_kept_for_good_and_nothing_else(served: Any) -> None:
+    page = served.client.get("/")
+    assert page.headers["cache-control"] == "no-cache"
+    assert served.client.get("/", headers={"If-None-Match": page.headers["etag"]}).status_code == 304
+    named = re.findall(r'(?:href|src)="(/(?:static|viewer)/[^"]+)"', page.text)
+    assert any(path.startswith("/viewer/") for path in named)
+    for path in named:
+        assert "immutable" in served.client.get(path).headers["cache-control"]
+    for path in ("/static/style.css", "/static/0123456789ab/style.css"):
+        answer = served.client.get(path)
+        assert "immutable" not in answer.headers["cache-control"], path
+    assert answer.status_code == 404

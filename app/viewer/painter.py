@@ -74,6 +74,8 @@ class Painter:
         self._stages: LRUCache[int, Stage] = LRUCache(STAGES)
         self._snapshot: Snapshot | None = None
         self._scene: SceneFrame | None = None
+        # made before anybody looks: a browser is still starting viser's program then
+        self._prepared: SceneFrame | None = None
         self._drawn_key: object = None
         # whether there is a newer iteration than the newest that views share just now
         self._behind = False
@@ -122,11 +124,12 @@ class Painter:
             began, error = time.monotonic(), None
             try:
                 self.camera.tend()
-                if self._view.clients == 0 or self._view.state.hidden:
+                seen = self._view.clients > 0
+                if self._view.state.hidden or (self._prepared is not None and not seen):
                     continue
                 with self._painting:
                     # what changes no picture, as a state that is told, must not delay the next one
-                    last = began if self._paint(self._view.state) or self._behind else last
+                    last = began if self._paint(self._view.state, seen) or self._behind else last
                 if self._behind:
                     self._wake.set()
             except (HttpProblem, PmpnbpError) as problem:
@@ -166,8 +169,9 @@ class Painter:
         if what == "closed":
             self._at_once.set()
 
-    def _paint(self, state: ViewState) -> bool:
-        """Draw what is to be seen now, unless that is what was drawn last; whether anything was drawn."""
+    def _paint(self, state: ViewState, seen: bool = True) -> bool:
+        """Draw what is to be seen now, unless that is what was drawn last; whether anything was drawn. Where it is not
+        `seen` yet all is made but the drawing."""
         newest_for = min(SHARED / self._rate(), SHARED_AT_MOST)
         snapshot = self._scenery.snapshot(self._source, state.iteration, newest_for)
         newest = self._source.archive.iteration
@@ -189,6 +193,9 @@ class Painter:
         scene = self._scenery.frame(
             key, lambda: frame(snapshot, state, own, compared=against, next_views=planned(snapshot, state))
         )
+        self._prepared = scene
+        if not seen:
+            return False
         with nullcontext() if self._drawing else _beginning:
             self._begin(own)
             assert self._drawing is not None

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstra
 
 from pmpnbp.inference.arrival import ScanMode
 from pmpnbp.json_text import check_text
+from pmpnbp.readout.snapshot import Phase
 from pmpnbp.settings import Method, SessionOptions
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -232,7 +233,7 @@ class Progress(BaseModel):
         "an uploaded recording, which does not iterate"
     )
     iteration: int | None = Field(description="the newest one; 0 is the start; null where its recording is lost")
-    phase: Literal["searching", "settling", "at rest"] | None = Field(
+    phase: Phase | None = Field(
         description="of the newest iteration: searching: whole objects are tried all over the region; settling: one is "
         "left, and its parts move into place; null where its recording is lost"
     )

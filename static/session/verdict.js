@@ -12,7 +12,6 @@ import {
   newestIteration,
   partNamed,
   partOfLink,
-  phaseOf,
   rowAt,
   shownIteration,
   state,
@@ -51,7 +50,7 @@ function show() {
   const session = state.session;
   if (!session) return;
   const behind = state.playback && shownIteration() < newestIteration();
-  const [word, rest] = behind ? ["", capital(phaseOf(rowAt(shownIteration())))] : sentence(session);
+  const [word, rest] = behind ? ["", capital(rowAt(shownIteration())?.phase ?? session.phase)] : sentence(session);
   const place = byId("certain");
   place.dataset.certain = String(Boolean(session.certain) && !behind);
   place.dataset.fit = behind ? "" : (session.fit ?? "");
@@ -63,12 +62,12 @@ function show() {
 const capital = (word) => word[0].toUpperCase() + word.slice(1);
 
 // What it comes to in a word, and why.
-function sentence({ state: here, fit, fit_reason: reason, certain }) {
+function sentence({ state: here, phase, fit, fit_reason: reason, certain }) {
   if (here === "deleted") return ["", "Nothing is known of it"];
   if (fit === "none") return ["Not found:", `${reason}.`];
   if (fit === "doubtful") return ["Doubtful:", `${reason}.`];
   if (fit !== "good") {
-    return ["", iterates() ? capital(phaseOf(state.rows.at(-1))) : "Not at rest yet"];
+    return ["", iterates() ? capital(phase) : "Not at rest yet"];
   }
   const estimate = newest();
   const explained = estimate?.explained ?? null;

@@ -2,7 +2,7 @@
 
 import { call, sessionPath } from "../session/api.js";
 import { byId, copyOf, reconcile, setText } from "../session/dom.js";
-import { stateWord } from "../session/format.js";
+import { methodWord, stateWord } from "../session/format.js";
 import { wasSeen } from "../session/seen.js";
 import { trouble } from "./confirm.js";
 import { grouped, when } from "./format.js";
@@ -48,7 +48,7 @@ export function fillCard(card, session, follow) {
   part("certain").dataset.fit = session.fit ?? "";
   part("certain").title = session.fit_reason ?? "";
   setText(part("certain"), VERDICTS[verdictOf(session)]);
-  setText(part("method"), session.method === "particle_filter" ? "particle filter" : "belief propagation");
+  setText(part("method"), methodWord(session.method));
   setText(part("made"), when(session.created));
   part("error").hidden = !session.error;
   setText(part("error"), session.error ?? "");

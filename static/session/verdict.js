@@ -5,9 +5,9 @@
 import { call, sessionPath } from "./api.js";
 import { byId, setText } from "./dom.js";
 import { jointEnds, named, percent } from "./format.js";
+import * as setup from "./setup.js";
 import {
   isLive,
-  isRecording,
   iterates,
   newestIteration,
   partNamed,
@@ -17,9 +17,7 @@ import {
   state,
   subscribe,
 } from "./state.js";
-import * as tabs from "./tabs.js";
 import { throttled } from "./throttle.js";
-import { changeView } from "./view.js";
 
 // The share of a part that is visible below which it is unseen; one without a surface is not.
 const UNSEEN = 0.01;
@@ -30,7 +28,7 @@ const AFTER_SHARE = /^the scan confirms \d+ % of what should be seen(.*)$/;
 let asked = null; // the newest estimate, where another iteration is looked at
 
 export function install() {
-  byId("draw-box").addEventListener("click", drawBox);
+  byId("draw-box").addEventListener("click", setup.drawBox);
   const ask = throttled(fetchNewest, newestIteration);
   subscribe(["session", "rows", "view", "estimate", "graph"], () => {
     if (state.session?.fit === "good" && !isLive() && !state.playback && !newest()) ask();
@@ -56,7 +54,7 @@ function show() {
   place.dataset.fit = behind ? "" : (session.fit ?? "");
   setText(byId("verdict-word"), word);
   setText(byId("verdict-rest"), rest);
-  byId("draw-box").hidden = session.fit !== "none" || behind || isRecording();
+  byId("draw-box").hidden = session.fit !== "none" || behind || !setup.canOpen();
 }
 
 const capital = (word) => word[0].toUpperCase() + word.slice(1);
@@ -98,11 +96,4 @@ function between(part, { joints }) {
   const joint = Object.values(joints).find(({ child }) => links.includes(child));
   const told = joint?.interval && !Array.isArray(joint.position);
   return told ? ` (${jointEnds(joint.type, joint.interval)})` : "";
-}
-
-// A box around the object is what the search lacks most often.
-function drawBox() {
-  changeView({ show: { region: true } });
-  tabs.open("layers");
-  byId("region").scrollIntoView({ block: "nearest" });
 }

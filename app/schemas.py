@@ -173,6 +173,12 @@ class ChangeRequest(Body):
         return self
 
 
+class RenameRequest(Body):
+    """What people are to call it."""
+
+    name: Name = Field(description="1 to 200 characters", examples=["top drawer"])
+
+
 class AddScanRequest(Body):
     """A scan that has just been taken."""
 

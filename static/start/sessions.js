@@ -2,8 +2,9 @@
 
 import { call } from "../session/api.js";
 import { byId, reconcile, setText } from "../session/dom.js";
-import { fillCard, isEdited, keepingFocus } from "./card.js";
+import { fillCard, keepingFocus } from "./card.js";
 import { trouble } from "./confirm.js";
+import { isEdited } from "./edit.js";
 import { chosen, filters } from "./query.js";
 import * as selection from "./selection.js";
 import { onChange } from "./stored.js";

@@ -104,6 +104,13 @@ def test_name_and_tags_are_changed_where_they_stand(
     assert (told["name"], told["tags"]) == ("the hall's", ["to check", "dark"])
     shown.get_by_role("button", name="Only sessions with the tag dark").click()
     shows(page, "the hall's")
+    # a tag that a program gave may hold a comma, and stays whole beside others
+    served.client.patch(runs["hall"], json={"tags": ["row 2, left", "dark"]}).raise_for_status()
+    expect(shown.locator(".card-tags button")).to_have_text(["row 2, left", "dark"])
+    page.get_by_role("button", name="Name and tags of the session the hall's").click()
+    page.locator("form.edit").get_by_label("Tags").fill("row 2, left, dark, new,, row 2")
+    page.keyboard.press("Enter")
+    expect(shown.locator(".card-tags button")).to_have_text(["row 2, left", "dark", "new", "row 2"])
     # what somebody writes in stays while the list goes on, and though it fits no more
     page.get_by_role("button", name="Name and tags of the session the hall's").click()
     form = page.locator("form.edit")

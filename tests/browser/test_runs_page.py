@@ -159,6 +159,30 @@ def test_several_are_tagged_laid_side_by_side_and_deleted(
     expect(chosen).to_be_hidden()
 
 
+def test_of_very_many_the_first_are_drawn_until_all_are_asked_for(
+    page: Page, served: Served, runs: dict[str, str]
+) -> None:
+    one = served.client.get(runs["lab"]).json() | {"iteration": None}  # no pictures: the others are not there
+    many = [one | {"id": f"{number:016x}", "name": f"run {number}"} for number in range(150)]
+    page.route("**/api/v1/sessions", lambda route: route.fulfill(json=many))
+    page.goto(served.url)
+    cards, more = page.locator(".card"), page.get_by_role("button", name="Show all 150", exact=True)
+    expect(cards).to_have_count(60)
+    expect(page.locator("#summary")).to_have_text("150 kept, 0 running")
+    # order and filters look at all of them
+    page.get_by_label("Order").select_option("name")
+    expect(cards.first.locator(".name")).to_have_text("run 0")
+    page.get_by_label("Name, model or tag").fill("run 149")
+    shows(page, "run 149")
+    expect(more).to_be_hidden()
+    page.get_by_label("Name, model or tag").fill("")
+    more.focus()
+    page.keyboard.press("Enter")
+    expect(cards).to_have_count(150)
+    expect(more).to_be_hidden()
+    expect(cards.nth(60).locator(".open")).to_be_focused()
+
+
 def test_pictures_are_only_asked_for_where_somebody_looks(page: Page, served: Served) -> None:
     ids = {"model_id": small.upload_model(served.client), "scan_id": small.upload_scan(served.client)}
     for number in range(12):

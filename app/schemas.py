@@ -232,8 +232,9 @@ class DecisionRequest(Body):
 
 
 class Progress(BaseModel):
-    """The part of a session that changes by itself."""
+    """The part of a session that its events tell of."""
 
+    name: str | None = Field(description="what people call it; null where the document is damaged")
     state: State = Field(
         description="waiting: wants to iterate, and does as soon as fewer sessions run; failed: see error; recorded: "
         "an uploaded recording, which does not iterate"
@@ -264,7 +265,6 @@ class Session(Progress):
 
     id: str = Field(description="16 hexadecimal digits", examples=["0123456789abcdef"])
     kind: Literal["session", "recording"] = Field(description="recording: an uploaded one, which can only be read")
-    name: str | None = Field(description="what people call it; null where the document is damaged")
     tags: list[str] = Field(default_factory=list, description="words that it is found by; none of a recording")
     view_url: str = Field(description="path of its page", examples=["/sessions/0123456789abcdef/"])
     model_id: str | None = Field(description="id of the model; null where the document is damaged, and of a recording")

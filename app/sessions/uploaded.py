@@ -62,7 +62,6 @@ class UploadedRecording(Source):
         return {
             "id": self.id,
             "kind": self.kind,
-            "name": self.name,
             "tags": [],
             "view_url": f"/sessions/{self.id}/",
             **self.progress(),
@@ -82,6 +81,7 @@ class UploadedRecording(Source):
         """Where it ends."""
         row = self.archive.row
         return {
+            "name": self.name,
             "state": self.state,
             "iteration": row["iteration"],
             "iterations": row["iteration"] or 0,

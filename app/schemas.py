@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstra
 
 from pmpnbp.inference.arrival import ScanMode
 from pmpnbp.json_text import check_text
+from pmpnbp.readout.snapshot import Phase
 from pmpnbp.settings import Method, SessionOptions
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -172,6 +173,12 @@ class ChangeRequest(Body):
         return self
 
 
+class RenameRequest(Body):
+    """What people are to call it."""
+
+    name: Name = Field(description="1 to 200 characters", examples=["top drawer"])
+
+
 class AddScanRequest(Body):
     """A scan that has just been taken."""
 
@@ -225,14 +232,15 @@ class DecisionRequest(Body):
 
 
 class Progress(BaseModel):
-    """The part of a session that changes by itself."""
+    """The part of a session that its events tell of."""
 
+    name: str | None = Field(description="what people call it; null where the document is damaged")
     state: State = Field(
         description="waiting: wants to iterate, and does as soon as fewer sessions run; failed: see error; recorded: "
         "an uploaded recording, which does not iterate"
     )
     iteration: int | None = Field(description="the newest one; 0 is the start; null where its recording is lost")
-    phase: Literal["searching", "settling", "at rest"] | None = Field(
+    phase: Phase | None = Field(
         description="of the newest iteration: searching: whole objects are tried all over the region; settling: one is "
         "left, and its parts move into place; null where its recording is lost"
     )
@@ -257,7 +265,6 @@ class Session(Progress):
 
     id: str = Field(description="16 hexadecimal digits", examples=["0123456789abcdef"])
     kind: Literal["session", "recording"] = Field(description="recording: an uploaded one, which can only be read")
-    name: str | None = Field(description="what people call it; null where the document is damaged")
     tags: list[str] = Field(default_factory=list, description="words that it is found by; none of a recording")
     view_url: str = Field(description="path of its page", examples=["/sessions/0123456789abcdef/"])
     model_id: str | None = Field(description="id of the model; null where the document is damaged, and of a recording")

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, computed_field
 
 from app.schemas import Certain, FitOrNull, FitReason, NumberOrAxes, State
 from pmpnbp.inference.arrival import ScanMode
+from pmpnbp.readout.snapshot import Phase, phase_of
 
 Covariance = Annotated[
     list[float],
@@ -261,6 +262,12 @@ class TraceRow(BaseModel):
     fit_reason: FitReason
     posterior_iteration: int | None = Field(description="the iteration that the posterior was read out from, or null")
     notes: list[str] = Field(description="what the inference had to remark")
+
+    @computed_field(description="whether it searches, settles or is at rest, as a session's `phase`")  # type: ignore[prop-decorator]
+    @property
+    def phase(self) -> Phase:
+        """By stage and rest, whatever a recording from elsewhere says."""
+        return phase_of(self.stage, self.converged)
 
 
 class TraceChange(BaseModel):

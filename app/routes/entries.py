@@ -1,4 +1,4 @@
-"""What models, scans and recordings have in common over REST: uploads by form, entries that never change."""
+"""What models, scans and recordings have in common over REST: uploads by form, entries whose content never changes."""
 
 # without `from __future__ import annotations`: the framework evaluates those of the routes, which name their factory's
 # variables
@@ -14,7 +14,12 @@ from app.problems import HttpProblem, responses
 from app.store.store import KINDS, Document, Kind, Store
 from app.uploads.uploads import Uploads, etag, unchanged
 
-_ETAG = {"ETag": {"description": "of the entry, which never changes", "schema": {"type": "string"}}}
+_ETAG = {
+    "ETag": {
+        "description": "of the entry as it is named now; all else of it never changes",
+        "schema": {"type": "string"},
+    }
+}
 _NEW = {"Location": {"description": "path of the entry", "schema": {"type": "string"}}} | _ETAG
 
 IF_NONE_MATCH: dict[int | str, dict[str, Any]] = {
@@ -77,7 +82,7 @@ def entry_routes(
         response_model=schema,
         name=f"get_{noun}",
         summary=f"One {called}",
-        description="Never changes, as its ETag says: ask with If-None-Match.",
+        description="Never changes, but for a recording's name, as its ETag says: ask with If-None-Match.",
         responses=IF_NONE_MATCH | responses(404),
     )
     def get(id: Annotated[str, Path(alias=f"{noun}_id")], request: Request, response: Response) -> Any:

@@ -49,12 +49,12 @@ async def get_events(
     ] = None,
     every: Every = 0,
 ) -> EventStream:
-    """Server-sent events. `iteration`: a row of the trace. `state`: state, iteration, iterations, until, converged,
-    certain, error, position, as the session has them. `error`: error, iteration. Numbers only rise. A stream begins
-    with the newest iteration and the state; with Last-Event-ID, with what came after that event. A slow listener may
-    miss iterations, never the newest. With `every`, iterations are gathered and come once in so many seconds; states
-    and errors, and the iterations before them, come at once. That of an uploaded recording tells how it ends, and stays
-    open."""
+    """Server-sent events. `iteration`: a row of the trace. `state`: name, state, iteration, iterations, until, phase,
+    converged, certain, error, position, as the session has them. `error`: error, iteration. Numbers only rise. A stream
+    begins with the newest iteration and the state; with Last-Event-ID, with what came after that event. A slow listener
+    may miss iterations, never the newest. With `every`, iterations are gathered and come once in so many seconds;
+    states and errors, and the iterations before them, come at once. That of an uploaded recording tells how it ends,
+    and stays open."""
     return EventStream(_told(session, fresh, int(last_event_id) if last_event_id else None, every))
 
 

@@ -13,6 +13,7 @@ from app.http.file_answers import FileAnswer
 from app.problems import responses
 from app.routes.entries import IF_NONE_MATCH, Stored, entry_routes, form, not_modified, store_of
 from app.routes.parameters import sessions_of
+from app.schemas import RenameRequest
 from app.store.store import safe_name
 from app.uploads.uploads import etag, unchanged
 
@@ -26,6 +27,7 @@ FILE: dict[int | str, dict[str, Any]] = {
 class Recording(Stored):
     """An uploaded recording."""
 
+    name: str | None = Field(None, description="what people call it; null where nobody has named it but by its file")
     model: str = Field(description="name of its model", examples=["cabinet"])
     method: str = Field(description="pmpnbp or particle_filter", examples=["pmpnbp"])
     particles: int = Field(description="of each part", examples=[400])
@@ -62,6 +64,17 @@ def download_recording(recording_id: str, request: Request) -> Response:
     name = PurePath(safe_name(document["file_name"])).stem + ".sqlite"
     file = store_of(request).file("recordings", recording_id)
     return FileAnswer(file, media_type=MEDIA_TYPE, filename=name, headers={"ETag": etag(document)})
+
+
+@router.patch(
+    "/recordings/{recording_id}",
+    response_model=Recording,
+    summary="Rename an uploaded recording",
+    responses=responses(404, 507),
+)
+def rename_recording(recording_id: str, body: RenameRequest, request: Request) -> Any:
+    """Its file stays as it is, and so does the name that this is downloaded by."""
+    return sessions_of(request).rename_recording(recording_id, body.name)
 
 
 @router.delete(

@@ -19,8 +19,10 @@ from pmpnbp.json_text import json_bytes
 
 _BUSY = responses(404, status_409="The session's state does not allow it; the detail names the state.")
 _LOCATION = {"Location": {"description": "path of the session", "schema": {"type": "string"}}}
+_ETAG = {"ETag": {"description": "of the list as it is now", "schema": {"type": "string"}}}
+_COUNT = {"X-Total-Count": {"description": "how many there are to begin with", "schema": {"type": "integer"}}}
 _LIST: dict[int | str, dict[str, Any]] = {
-    200: {"headers": (_ETAG := {"ETag": {"description": "of the list as it is now", "schema": {"type": "string"}}})},
+    200: {"headers": _ETAG | _COUNT},
     304: {"description": "The list is the one that If-None-Match names.", "headers": _ETAG},
 }
 MADE = answer("Made, and safe on the disk.", status=201, headers=_LOCATION)
@@ -65,14 +67,18 @@ def list_sessions(
     tag: Annotated[
         list[str] | None, Query(max_length=20, description="only those that have this tag; several: all of them")
     ] = None,
+    limit: Annotated[int | None, Query(ge=1, le=10_000, description="sessions, at most; default: all")] = None,
+    offset: Annotated[int, Query(ge=0, le=1_000_000, description="sessions left out, the oldest")] = 0,
 ) -> Response:
     """Oldest first, damaged ones too. Whoever asks again and again asks with If-None-Match, as browsers do."""
+    found = sessions_of(request).list(tag or ())
+    total = str(len(found))
     # written here: that the framework checks and writes it again takes four times as long, which counts with hundreds
-    content = json_bytes(tellable(Session, sessions_of(request).list(tag or ())))
-    version = f'"{hashlib.sha256(content).hexdigest()}"'
+    content = json_bytes(tellable(Session, found[offset:][:limit]))
+    version = f'"{hashlib.sha256(content + total.encode()).hexdigest()}"'
     if unchanged(request, version):
         return not_modified(version)
-    return Response(content, media_type="application/json", headers={"ETag": version})
+    return Response(content, media_type="application/json", headers={"ETag": version, "X-Total-Count": total})
 
 
 @router.get("/sessions/{session_id}", response_model=Session, summary="One session", responses=responses(404))

@@ -13,7 +13,7 @@ from cachetools import LRUCache
 
 from app.problems import HttpProblem
 from app.sessions.uploaded import UploadedRecording
-from app.store.store import Store
+from app.store.store import Document, Store
 
 # Recordings kept open that nobody looks at.
 KEPT = 8
@@ -58,6 +58,15 @@ class OpenRecordings:
             with self._lock:
                 self._open[id] = self._kept[id] = found
             return found
+
+    def rename(self, id: str, name: str) -> Document:
+        """Call it something else, also where it is open; its document in the store. HttpProblem 404, StorageError."""
+        with self._turn(id):
+            document = self._store.rename_recording(id, name)
+            found = self.at_hand(id)
+            if found is not None:
+                found.name = name
+        return document
 
     def forget(self, id: str) -> None:
         """It is no longer there: end its event streams."""

@@ -110,8 +110,7 @@ class Session(Source):
         return goal.done
 
     def pause(self) -> Future[None]:
-        """Stop after the present iteration, or before it where it is being read out; the future is done when what was
-        made is in the recording."""
+        """Stop after the present iteration, or before it where it is being read out; done once all is recorded."""
         return self._submit(self._pause)
 
     def reset(self, members: Mapping[str, Any] | None = None) -> Future[None]:
@@ -131,6 +130,8 @@ class Session(Source):
             self._check_open()
             documents.check_whole(self._document)
             self._rewrite(labels)
+            self._announced = ()
+            self._worker.wake()  # it tells of it between two iterations, as numbers of events come in their order
 
     def add_scan(self, scan_id: str, mode: ScanMode) -> Future[None]:
         """Another scan from the next iteration on. The future may raise ScanError, or HttpProblem 404, 409, 507."""
@@ -151,12 +152,22 @@ class Session(Source):
         """What REST shows of the session."""
         with self._lock:
             own = {"id": self.id, "kind": self.kind, "view_url": f"/sessions/{self.id}/"}
-            return {**own, **self._progress(), **documents.shown(self._document)}
+            return {**own, **self.progress(), **documents.shown(self._document)}
 
     def progress(self) -> dict[str, Any]:
-        """The part of it that changes by itself."""
+        """The part of it that events tell of."""
         with self._lock:
-            return self._progress()
+            return {
+                "name": self._document.get("name"),
+                "state": self.state,
+                "iteration": self.archive.row["iteration"],
+                "iterations": self._target,
+                "until": self._until,
+                **verdict(self.archive.row, self.archive.changed_since),
+                "error": self._error,
+                "position": self._slots.position(self) if self.state == "waiting" else None,
+                "reading_out": self._long_read_out.underway,
+            }
 
     def changes(self) -> list[dict[str, Any]]:
         """What was changed since it began."""
@@ -195,6 +206,7 @@ class Session(Source):
     def _pursue_goal(self) -> bool:
         goal = self._goal
         if goal is None:
+            self._tell()
             return False
         try:
             self._pursue(goal)
@@ -263,8 +275,8 @@ class Session(Source):
             if announced == self._announced:
                 return
             self._announced = announced
-            progress = self._progress()
-        self._publish("state", progress)
+        self.archive.flush()  # an iteration has its number before it is announced, and would come out of turn
+        self._publish("state", self.progress())
 
     def _publish(self, kind: str, members: dict[str, Any]) -> None:
         self.events.publish(Event(self.events.number(), kind, json_bytes(members)))
@@ -336,15 +348,3 @@ class Session(Source):
             self._store.write_session(self.id, new)
             self._document = new
         return old
-
-    def _progress(self) -> dict[str, Any]:
-        return {
-            "state": self.state,
-            "iteration": self.archive.row["iteration"],
-            "iterations": self._target,
-            "until": self._until,
-            **verdict(self.archive.row, self.archive.changed_since),
-            "error": self._error,
-            "position": self._slots.position(self) if self.state == "waiting" else None,
-            "reading_out": self._long_read_out.underway,
-        }

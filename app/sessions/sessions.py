@@ -118,6 +118,10 @@ class Sessions:
         assert isinstance(found, Session)
         return found
 
+    def rename_recording(self, id: str, name: str) -> Document:
+        """Call an uploaded recording something else; its entry's document. HttpProblem 404, StorageError."""
+        return self._recordings.rename(id, name)
+
     def forget_recording(self, id: str) -> None:
         """An uploaded recording is no longer there: end its event streams."""
         self._recordings.forget(id)

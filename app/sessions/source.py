@@ -43,7 +43,7 @@ class Source(ABC):
 
     @abstractmethod
     def progress(self) -> dict[str, Any]:
-        """The part of it that changes by itself."""
+        """The part of it that events tell of."""
 
     @abstractmethod
     def changes(self) -> list[dict[str, Any]]:

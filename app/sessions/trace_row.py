@@ -18,21 +18,12 @@ from pmpnbp.scene.articulated_object import ArticulatedObject
 def verdict(row: Row, changed: bool = False) -> dict[str, Any]:
     """What REST says of the newest iteration; nothing is found any more where something was `changed` since."""
     return {
-        "phase": _phase(row, changed),
+        "phase": "settling" if changed and row["phase"] == "at rest" else row["phase"],
         "converged": row["converged"] and not changed,
         "certain": row["certain"] and not changed,
         "fit": None if changed else row["fit"],
         "fit_reason": None if changed else row["fit_reason"],
     }
-
-
-def _phase(row: Row, changed: bool) -> str | None:
-    stage = row["stage"]
-    if stage is None:
-        return None
-    if stage in ("start", "search"):
-        return "searching"
-    return "at rest" if row["converged"] and not changed else "settling"
 
 
 def row_of(text: str, model: ArticulatedObject) -> Row | None:

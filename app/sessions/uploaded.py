@@ -28,13 +28,14 @@ from pmpnbp.settings import SessionOptions, Settings
 
 
 class UploadedRecording(Source):
-    """The recording at `path`, whose entry in the store is `document`."""
+    """The recording at `path`, whose entry in the store is `document`. name : what people call it"""
 
     kind = "recording"
     state = "recorded"
 
     def __init__(self, id: str, path: Path, document: Mapping[str, Any]) -> None:
         self._document = dict(document)
+        self.name: str = document.get("name") or PurePath(document.get("file_name", "")).stem
         archive = IterationArchive(path, f"recording '{id}'", remedy="delete", foreign_row=row_of)
         self._inputs: Inputs | None = None
         self._changes: list[dict[str, Any]] = []
@@ -61,7 +62,6 @@ class UploadedRecording(Source):
         return {
             "id": self.id,
             "kind": self.kind,
-            "name": PurePath(self._document.get("file_name", "")).stem,
             "tags": [],
             "view_url": f"/sessions/{self.id}/",
             **self.progress(),
@@ -81,6 +81,7 @@ class UploadedRecording(Source):
         """Where it ends."""
         row = self.archive.row
         return {
+            "name": self.name,
             "state": self.state,
             "iteration": row["iteration"],
             "iterations": row["iteration"] or 0,

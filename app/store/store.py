@@ -10,7 +10,7 @@
 | `incoming/` | uploads and entries that are not whole yet; emptied at every start |
 
 An entry comes to be by one rename (`atomic_files`), so at every instant it is there, whole, or not at all; the answer
-to the call that made it lies beside it (`idempotency`). What is in an entry but a session never changes.
+to the call that made it lies beside it (`idempotency`). But for sessions, and the names of recordings, none changes.
 """
 
 from __future__ import annotations
@@ -162,6 +162,17 @@ class Store:
             return read_scan(file)
         except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error):
             raise HttpProblem(404, f"scan '{id}' is damaged: its {file.name} cannot be read") from None
+
+    def rename_recording(self, id: str, name: str) -> Document:
+        """Call a recording something else; its document. HttpProblem 404, StorageError."""
+        with self._lock:
+            document = {**self.document("recordings", id), "name": name}
+            place = self.root / "recordings" / id
+            size = folder_size(place)
+            atomic_files.replace_json(self._partial(), place / "recording.json", document)
+            self._room.entry(folder_size(place) - size)
+            self._documents["recordings"][id] = document
+        return dict(document)
 
     # Sessions
 

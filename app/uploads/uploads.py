@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import math
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -106,8 +107,9 @@ class Uploads:
 
 
 def etag(document: Document) -> str:
-    """The entity tag of an entry, which never changes: its content's."""
-    return f'"{document["sha256"]}"'
+    """The entity tag of an entry: of its content, which never changes, and of its name, which a recording's may."""
+    told = f"{document['sha256']} {document.get('name', '')}"
+    return f'"{hashlib.sha256(told.encode()).hexdigest()}"'
 
 
 def unchanged(request: Request, tag: str) -> bool:

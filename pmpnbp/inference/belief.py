@@ -20,6 +20,9 @@ from pmpnbp.inference import log_weights as lw
 START, OWN, NEIGHBOUR, SURFACE, FLIP = 0, 1, 2, 3, 4
 SOURCES = ("start", "own", "neighbour", "surface", "flip")
 
+# Stages of an iteration whose estimate is still on its way.
+SEARCH_STAGES = ("start", "search")
+
 Indices = NDArray[np.int32]
 
 
@@ -161,8 +164,8 @@ class IterationReport:
 
     @property
     def searching(self) -> bool:
-        """Whether the estimate is on its way: there is no posterior about it yet."""
-        return self.stage in ("start", "search")
+        """Whether there is no posterior about the estimate yet."""
+        return self.stage in SEARCH_STAGES
 
     @classmethod
     def of(

@@ -9,9 +9,9 @@ import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
-from pmpnbp.inference.belief import IterationReport
+from pmpnbp.inference.belief import SEARCH_STAGES, IterationReport
 from pmpnbp.inference.problem import Problem
 from pmpnbp.json_text import json_bytes
 from pmpnbp.readout import estimate as readout
@@ -24,6 +24,14 @@ from pmpnbp.readout.truth_errors import errors as truth_errors
 from pmpnbp.readout.truth_errors import part_adds
 
 Row = dict[str, Any]
+Phase = Literal["searching", "settling", "at rest"]
+
+
+def phase_of(stage: str, converged: bool) -> Phase:
+    """What an iteration does, of all its stages, in the words that people read."""
+    if stage in SEARCH_STAGES:
+        return "searching"
+    return "at rest" if converged else "settling"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,6 +153,7 @@ def snapshot(
         "event": event,
         "iteration": report.iteration,
         "stage": report.stage,
+        "phase": phase_of(report.stage, converged),
         "seconds": report.seconds,
         "elapsed": elapsed,
         "tolerance": report.tolerance,

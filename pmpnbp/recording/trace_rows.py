@@ -12,22 +12,23 @@ from contextlib import suppress
 
 from pmpnbp.errors import RecordingError
 from pmpnbp.json_text import json_bytes
-from pmpnbp.readout.snapshot import Row
+from pmpnbp.readout.snapshot import Row, phase_of
 from pmpnbp.recording.reader import Recording
 
-# A member that rows have since they tell of posteriors, and the one that came last.
-_SINCE_POSTERIORS, _NEWEST = "particle_std_xyz", "final_log_likelihood"
+# A member that rows have since they tell of posteriors, and how the one that came last begins.
+_SINCE_POSTERIORS, _NEWEST = "particle_std_xyz", '"phase":"'
 
 # What is told of the newest iteration where there is none.
-NO_ROW: Row = {"iteration": None, "stage": None, "converged": False, "certain": False, "fit": None, "fit_reason": None}
+NO_ROW: Row = {"iteration": None, "phase": None, "converged": False, "certain": False, "fit": None, "fit_reason": None}
 
 
 def current(row: Row) -> Row:
     """A row as it is written now. Before there were posteriors `std_xyz` was the particles'; which links were certain
-    was not told at first, nor a log likelihood that can be compared."""
-    if _NEWEST in row:
+    was not told at first, nor a log likelihood that can be compared, nor the phase."""
+    if "phase" in row:
         return row
-    row = {"certain_by_link": None, **row, _NEWEST: None}
+    phase = phase_of(row["stage"], row["converged"])
+    row = {"certain_by_link": None, "final_log_likelihood": None, **row, "phase": phase}
     if _SINCE_POSTERIORS in row:
         return row
     nothing = {"std_xyz": None, "certain": False, "fit": None, "fit_reason": None, "posterior_iteration": None}
@@ -49,7 +50,7 @@ class OwnRows:
     def texts(self, recording: Recording, after: int, last: int) -> list[str]:
         """The rows, JSON, of the iterations beyond `after` and up to `last`, ascending."""
         return [
-            text if f'"{_NEWEST}"' in text else json_bytes(current(json.loads(text))).decode()
+            text if _NEWEST in text else json_bytes(current(json.loads(text))).decode()
             for text in recording.summaries(after, last)
         ]
 

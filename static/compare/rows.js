@@ -1,10 +1,8 @@
 // What is told of every session, a row each; where the sessions differ, that is marked.
 
 import { h, setContent } from "../session/dom.js";
-import { fineCentimetres, joint, jointEnds, largest, percent } from "../session/format.js";
+import { fineCentimetres, joint, jointEnds, largest, methodWord, percent } from "../session/format.js";
 import { VERDICTS, verdictOf } from "../start/query.js";
-
-const METHODS = { pmpnbp: "belief propagation", particle_filter: "particle filter" };
 
 // The table's bodies: a title, and rows of a name and what stands in each session's column.
 function chapters(columns) {
@@ -24,7 +22,7 @@ function chapters(columns) {
     [
       "Made with",
       [
-        row("method", ({ session }) => METHODS[session.method] ?? "–"),
+        row("method", ({ session }) => methodWord(session.method)),
         row("particles", ({ session }) => String(session.particles ?? "–")),
         row("seed", ({ session }) => String(session.seed ?? "–")),
         row("scans", ({ session }) => (session.kind === "recording" ? "–" : String(session.scan_ids.length))),

@@ -3,13 +3,14 @@
 import { call, listen, sessionPath } from "../session/api.js";
 import { setText } from "../session/dom.js";
 import { listed, minus, plus, turned } from "../session/vectors.js";
+import { randomId } from "../session/view_id.js";
 
 const opened = [];
 let held = null; // the view that a hand was at last
 
 // Give a session's frame a view of its own that begins as `first` says; `together`: whether the others follow it.
 export async function openView(column, first, together) {
-  const id = crypto.getRandomValues(new Uint32Array(2)).reduce((text, value) => text + value.toString(16), "compare-");
+  const id = `compare-${randomId()}`;
   const view = { path: `${sessionPath(column.id)}/views/${id}`, column };
   try {
     await call(view.path, { method: "PATCH", body: first });

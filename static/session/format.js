@@ -70,6 +70,9 @@ export function plural(count, one, many = `${one}s`) {
   return `${count} ${count === 1 ? one : many}`;
 }
 
+const METHODS = { pmpnbp: "belief propagation", particle_filter: "particle filter" };
+export const methodWord = (method) => METHODS[method] ?? "–";
+
 const STATES = { waiting: "waiting for a free place", failed: "stopped by an error", recorded: "recording" };
 
 // What a session does.

@@ -3,7 +3,7 @@
 
 import { call, iterationQuery, listen, Problem, sessionPath } from "./api.js";
 import { largest } from "./format.js";
-import { notify, phaseOf, rowAt, shownIteration, state, subscribe, update } from "./state.js";
+import { notify, rowAt, shownIteration, state, subscribe, update } from "./state.js";
 import { goToIteration } from "./view.js";
 
 const PACE = 200; // milliseconds between two estimates
@@ -98,7 +98,7 @@ function compact(row) {
   const ofParts = (stds) => parts.map((part) => largest(part.links.flatMap((link) => stds?.[link] ?? [])));
   return {
     iteration: row.iteration,
-    stage: row.stage,
+    phase: row.phase,
     seconds: row.seconds,
     elapsed: row.elapsed,
     finalLikelihood: row.final_log_likelihood, // of all iterations at one tolerance
@@ -127,8 +127,7 @@ function hearIteration(row) {
     return;
   }
   appendRows(row);
-  const { iteration, converged, certain, fit, fit_reason } = row;
-  const phase = phaseOf(row);
+  const { iteration, phase, converged, certain, fit, fit_reason } = row;
   if (state.session) Object.assign(state.session, { iteration, phase, converged, certain, fit, fit_reason });
   if (state.lost) state.lost = false;
   notify("rows", "session", "lost", "view");

@@ -3,7 +3,7 @@
 
 import { byId, setText } from "./dom.js";
 import { readOutPosterior } from "./history.js";
-import { askedFor, goesOn, hasPosterior, rowAt, searches, shownIteration, state, subscribe, update } from "./state.js";
+import { askedFor, goesOn, hasPosterior, rowAt, shownIteration, state, subscribe, update } from "./state.js";
 import { hold } from "./timeline.js";
 
 let underway = false;
@@ -32,10 +32,11 @@ function show() {
   const estimate = state.estimate;
   const row = rowAt(shownIteration());
   const lacks = estimate !== null && !hasPosterior(estimate);
-  byId("how-sure").hidden = !lacks || searches(row) || row === null;
+  const searching = row?.phase === "searching";
+  byId("how-sure").hidden = !lacks || searching || row === null;
   byId("how-sure").disabled = underway;
   setText(byId("how-sure"), underway ? "Reading it out…" : "How sure?");
-  setText(byId("how-sure-text"), told(estimate, lacks, searches(row)));
+  setText(byId("how-sure-text"), told(estimate, lacks, searching));
   byId("how-sure-text").hidden = !byId("how-sure-text").textContent;
 }
 

@@ -1,7 +1,7 @@
 // How is one plot drawn on its canvas? The frame says where iterations and values are; each function below draws one
 // kind of thing into it. Pen, ticks, lines and dots are those of pair_canvas.js, too.
 
-import { colour, phaseOf, rowAt, shownIteration, state } from "./state.js";
+import { colour, rowAt, shownIteration, state } from "./state.js";
 
 export const MARGIN = { top: 6, bottom: 15, left: 34, right: 8 };
 
@@ -61,7 +61,7 @@ export function coloursOf(canvas) {
 // Behind the curves: where it searches, and where it is at rest; between them it settles.
 function drawPhases(pen, rows, { width, height, x }, tints) {
   const bottom = height - MARGIN.bottom;
-  for (const [phase, first, last] of spans(rows.map((row) => [row.iteration, phaseOf(row)]))) {
+  for (const [phase, first, last] of spans(rows.map((row) => [row.iteration, row.phase]))) {
     if (phase === "settling") continue;
     const from = Math.max(MARGIN.left, x(first - 0.5));
     const to = Math.min(width - MARGIN.right, x(last + 0.5));

@@ -3,6 +3,7 @@
 
 import { byId } from "./dom.js";
 import { withoutGraphicsCard } from "./graphics.js";
+import { randomId } from "./view_id.js";
 
 const asked = new URLSearchParams(location.search);
 
@@ -44,9 +45,7 @@ function nameOfView() {
   const key = `view of ${sessionId}`;
   const wish = asked.get("view");
   if (wish && /^[A-Za-z0-9_-]{1,64}$/.test(wish)) return wish;
-  const name =
-    sessionStorage.getItem(key) ??
-    crypto.getRandomValues(new Uint32Array(2)).reduce((text, value) => text + value.toString(16).padStart(8, "0"), "");
+  const name = sessionStorage.getItem(key) ?? randomId();
   sessionStorage.setItem(key, name);
   return name;
 }

@@ -4,6 +4,7 @@
 import { call, sessionPath } from "./api.js";
 import { startDerivedSession } from "./derived_session.js";
 import { button, byId, h, setText } from "./dom.js";
+import { methodWord } from "./format.js";
 import { isRecording, state, subscribe, update } from "./state.js";
 
 // Where a stage's settings begin, by the first one's name; the server lists them in the order of the stages.
@@ -26,7 +27,7 @@ export async function install() {
   byId("anew").addEventListener("submit", (event) => {
     event.preventDefault();
     const [method, particles] = [byId("method").value, Number(byId("particle-count").value)];
-    const what = [method === "pmpnbp" ? null : "particle filter", `${particles} particles`].filter(Boolean).join(", ");
+    const what = [method === "pmpnbp" ? null : methodWord(method), `${particles} particles`].filter(Boolean).join(", ");
     startDerivedSession({ method, particles }, what, (text) => setText(byId("anew-error"), text));
   });
   subscribe(["session"], show);

@@ -23,15 +23,16 @@ export function install() {
   byId("setup-close").addEventListener("click", close);
   byId("setup-prior").addEventListener("change", (event) => changeView({ show: { prior: event.target.checked } }));
   byId("setup-open").addEventListener("click", open);
-  byId("setup-draw").addEventListener("click", () => changeView({ show: { region: true } }));
+  byId("setup-draw").addEventListener("click", drawBox);
   byId("setup-files").addEventListener("change", ({ target }) => addView(target));
   subscribe(["view", "session"], show);
   if (new URLSearchParams(location.search).has("setup") && !isRecording()) open();
 }
 
 export const isOpen = () => !byId("setup").hidden;
+export const canOpen = () => !isRecording() && !isOpen() && state.session?.state !== "running";
 
-export async function open() {
+async function open() {
   if (isOpen()) return;
   before = { ...state.view.show };
   byId("setup").hidden = false;
@@ -40,6 +41,12 @@ export async function open() {
   changeView({ show: BARE });
   await propose();
   byId("setup-run").focus({ preventScroll: true });
+}
+
+// A box around the object is what the search lacks most often.
+export async function drawBox() {
+  await open();
+  changeView({ show: { region: true } });
 }
 
 function close() {
@@ -82,7 +89,7 @@ async function addView(input) {
 const same = (one, other) => Boolean(one && other) && one.every((number, at) => Math.abs(number - other[at]) < 1e-6);
 
 function show() {
-  byId("setup-open").hidden = isRecording() || isOpen() || state.session?.state === "running";
+  byId("setup-open").hidden = !canOpen();
   if (!isOpen() || !asked) return;
   if (state.session.state === "running" && !byId("setup-run").disabled) return close(); // somebody else has run it
   const everything = !state.view.show.region;

@@ -69,10 +69,6 @@ export const goesOn = () => state.playback || (isLive() && state.session?.state 
 export const shownIteration = () => (isLive() ? newestIteration() : Math.min(state.view.iteration, newestIteration()));
 export const maxStd = () => state.session?.max_std ?? null;
 
-// Whether a row of the trace is of the search, which has no posterior.
-export const searches = (row) => ["start", "search"].includes(row?.stage);
-// What the inference does in a row's iteration, in the words that the whole page has for it.
-export const phaseOf = (row) => (searches(row) ? "searching" : row?.converged ? "at rest" : "settling");
 // Whether an estimate says how sure it is, and whether it was read out for this page though not at rest.
 export const hasPosterior = (estimate) => estimate !== null && estimate.posterior_iteration !== null;
 export const askedFor = (estimate) => hasPosterior(estimate) && !estimate.converged;

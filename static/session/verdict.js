@@ -5,22 +5,19 @@
 import { call, sessionPath } from "./api.js";
 import { byId, setText } from "./dom.js";
 import { jointEnds, named, percent } from "./format.js";
+import * as setup from "./setup.js";
 import {
   isLive,
-  isRecording,
   iterates,
   newestIteration,
   partNamed,
   partOfLink,
-  phaseOf,
   rowAt,
   shownIteration,
   state,
   subscribe,
 } from "./state.js";
-import * as tabs from "./tabs.js";
 import { throttled } from "./throttle.js";
-import { changeView } from "./view.js";
 
 // The share of a part that is visible below which it is unseen; one without a surface is not.
 const UNSEEN = 0.01;
@@ -31,7 +28,7 @@ const AFTER_SHARE = /^the scan confirms \d+ % of what should be seen(.*)$/;
 let asked = null; // the newest estimate, where another iteration is looked at
 
 export function install() {
-  byId("draw-box").addEventListener("click", drawBox);
+  byId("draw-box").addEventListener("click", setup.drawBox);
   const ask = throttled(fetchNewest, newestIteration);
   subscribe(["session", "rows", "view", "estimate", "graph"], () => {
     if (state.session?.fit === "good" && !isLive() && !state.playback && !newest()) ask();
@@ -51,24 +48,24 @@ function show() {
   const session = state.session;
   if (!session) return;
   const behind = state.playback && shownIteration() < newestIteration();
-  const [word, rest] = behind ? ["", capital(phaseOf(rowAt(shownIteration())))] : sentence(session);
+  const [word, rest] = behind ? ["", capital(rowAt(shownIteration())?.phase ?? session.phase)] : sentence(session);
   const place = byId("certain");
   place.dataset.certain = String(Boolean(session.certain) && !behind);
   place.dataset.fit = behind ? "" : (session.fit ?? "");
   setText(byId("verdict-word"), word);
   setText(byId("verdict-rest"), rest);
-  byId("draw-box").hidden = session.fit !== "none" || behind || isRecording();
+  byId("draw-box").hidden = session.fit !== "none" || behind || !setup.canOpen();
 }
 
 const capital = (word) => word[0].toUpperCase() + word.slice(1);
 
 // What it comes to in a word, and why.
-function sentence({ state: here, fit, fit_reason: reason, certain }) {
+function sentence({ state: here, phase, fit, fit_reason: reason, certain }) {
   if (here === "deleted") return ["", "Nothing is known of it"];
   if (fit === "none") return ["Not found:", `${reason}.`];
   if (fit === "doubtful") return ["Doubtful:", `${reason}.`];
   if (fit !== "good") {
-    return ["", iterates() ? capital(phaseOf(state.rows.at(-1))) : "Not at rest yet"];
+    return ["", iterates() ? capital(phase) : "Not at rest yet"];
   }
   const estimate = newest();
   const explained = estimate?.explained ?? null;
@@ -99,11 +96,4 @@ function between(part, { joints }) {
   const joint = Object.values(joints).find(({ child }) => links.includes(child));
   const told = joint?.interval && !Array.isArray(joint.position);
   return told ? ` (${jointEnds(joint.type, joint.interval)})` : "";
-}
-
-// A box around the object is what the search lacks most often.
-function drawBox() {
-  changeView({ show: { region: true } });
-  tabs.open("layers");
-  byId("region").scrollIntoView({ block: "nearest" });
 }

@@ -1,10 +1,10 @@
 // One session in the list: its picture, what is found, its name and tags, which can be changed where they stand.
 
 import { call, sessionPath } from "../session/api.js";
-import { byId, copyOf, reconcile, setText } from "../session/dom.js";
-import { stateWord } from "../session/format.js";
+import { byId, reconcile, setText } from "../session/dom.js";
+import { methodWord, stateWord } from "../session/format.js";
 import { wasSeen } from "../session/seen.js";
-import { trouble } from "./confirm.js";
+import { edit } from "./edit.js";
 import { grouped, when } from "./format.js";
 import { query, VERDICTS, verdictOf } from "./query.js";
 import { toggleTag } from "./toolbar.js";
@@ -13,7 +13,6 @@ const LATER = 5000; // milliseconds to the next try for a picture
 const NEAR = "400px"; // cards so far below the window get their pictures, too
 
 export const title = (session) => session.name || "damaged session";
-export const isEdited = (card) => Boolean(card?.querySelector(".edit"));
 
 // Hundreds of pictures that nobody sees would keep the server from those that somebody does.
 const sight = new IntersectionObserver(
@@ -48,7 +47,7 @@ export function fillCard(card, session, follow) {
   part("certain").dataset.fit = session.fit ?? "";
   part("certain").title = session.fit_reason ?? "";
   setText(part("certain"), VERDICTS[verdictOf(session)]);
-  setText(part("method"), session.method === "particle_filter" ? "particle filter" : "belief propagation");
+  setText(part("method"), methodWord(session.method));
   setText(part("made"), when(session.created));
   part("error").hidden = !session.error;
   setText(part("error"), session.error ?? "");
@@ -56,7 +55,13 @@ export function fillCard(card, session, follow) {
   part("choose").firstElementChild.setAttribute("aria-label", `Select the session ${title(session)}`);
   part("choose").firstElementChild.value = session.id;
   part("rename").setAttribute("aria-label", `Name and tags of the session ${title(session)}`);
-  part("rename").onclick = () => edit(card, follow);
+  part("rename").onclick = () => {
+    const named = { name: title(session), tags: session.tags };
+    edit(card, part("open"), part("rename"), named, async (changes) => {
+      await call(sessionPath(session.id), { method: "PATCH", body: changes });
+      follow();
+    });
+  };
   reconcile(part("card-tags"), "tag", session.tags, String, (button, tag) => {
     setText(button, tag);
     button.setAttribute("aria-label", `Only sessions with the tag ${tag}`);
@@ -85,46 +90,6 @@ function picture(card) {
     }, LATER);
   next.src = `/api/v1/sessions/${session.id}/estimate.png?width=640&iteration=${session.iteration}`;
 }
-
-// Name and tags in fields: Enter saves, Escape leaves them as they are.
-function edit(card, follow) {
-  if (isEdited(card)) return;
-  const { session } = card;
-  const form = copyOf("edit");
-  const [name, tags] = form.querySelectorAll("input");
-  const before = session.tags.join(", ");
-  name.value = title(session);
-  tags.value = before;
-  const leave = () => {
-    form.remove();
-    card.querySelector(".rename").focus();
-  };
-  form.querySelector("[type=button]").addEventListener("click", leave);
-  form.addEventListener("keydown", (event) => {
-    if (event.key !== "Escape" || event.isComposing) return;
-    event.stopPropagation();
-    leave();
-  });
-  form.addEventListener("submit", async (event) => {
-    event.preventDefault();
-    const changes = {};
-    if (name.value.trim() !== session.name) changes.name = name.value;
-    if (tags.value.trim() !== before) changes.tags = tagsIn(tags.value);
-    try {
-      if (Object.keys(changes).length) await call(sessionPath(session.id), { method: "PATCH", body: changes });
-    } catch (problem) {
-      trouble(form.querySelector(".trouble"), problem.message);
-      return;
-    }
-    leave();
-    follow();
-  });
-  card.querySelector(".open").after(form);
-  name.select();
-}
-
-// What is written between commas.
-export const tagsIn = (text) => [...new Set(text.split(",").map((tag) => tag.trim()))].filter(Boolean);
 
 // Where the list was put in another order, the element that had the keyboard's focus may have lost it by being moved.
 export function keepingFocus(show) {

@@ -1,9 +1,11 @@
 // What else is kept: recordings to look at, and the models and scans that sessions are made from.
 
-import { byId, copyOf, setText } from "../session/dom.js";
+import { call } from "../session/api.js";
+import { byId, reconcile, setText } from "../session/dom.js";
 import { confirmed, trouble } from "./confirm.js";
+import { edit } from "./edit.js";
 import { aboutModel, aboutRecording, aboutScan, bytes, count, when } from "./format.js";
-import { onChange, remove, stored } from "./stored.js";
+import { onChange, refresh, remove, stored } from "./stored.js";
 
 const LISTS = {
   recordings: { noun: "recording", about: aboutRecording, link: (entry) => `/sessions/${entry.id}/` },
@@ -25,26 +27,40 @@ function show(kind) {
   const place = section.querySelector("ul");
   const entries = stored[kind];
   section.hidden = !entries.length;
-  place.replaceChildren(...entries.map((entry) => row(kind, entry)));
+  // the same rows, in which somebody may be writing
+  reconcile(
+    place,
+    "entry",
+    entries,
+    (entry) => entry.id,
+    (item, entry) => fill(item, kind, entry),
+  );
 }
 
-function row(kind, entry) {
+const title = (kind, entry) => (kind === "recordings" && entry.name) || entry.file_name;
+
+function fill(item, kind, entry) {
   const { noun, about, link } = LISTS[kind];
-  const item = copyOf("entry");
-  const name = item.querySelector(".entry-name");
-  setText(name, entry.file_name);
-  if (link) name.href = link(entry);
-  setText(item.querySelector(".about"), `${about(entry)} · ${when(entry.created)}`);
-  setText(item.querySelector(".size"), bytes(entry.bytes));
-  const button = item.querySelector(".delete");
-  button.setAttribute("aria-label", `Delete the ${noun} ${entry.file_name}`);
-  button.title = `Delete the ${noun}`;
-  button.addEventListener("click", () => forget(kind, noun, entry));
-  return item;
+  const part = (name) => item.querySelector(`.${name}`);
+  const name = title(kind, entry);
+  setText(part("entry-name"), name);
+  if (link) part("entry-name").href = link(entry);
+  setText(part("about"), `${about(entry)} · ${when(entry.created)}`);
+  setText(part("size"), bytes(entry.bytes));
+  part("delete").setAttribute("aria-label", `Delete the ${noun} ${name}`);
+  part("delete").title = `Delete the ${noun}`;
+  part("delete").onclick = () => forget(kind, noun, entry);
+  part("rename").hidden = kind !== "recordings";
+  part("rename").setAttribute("aria-label", `Name of the recording ${name}`);
+  part("rename").onclick = () =>
+    edit(item, part("what"), part("rename"), { name }, async (changes) => {
+      await call(`/api/v1/recordings/${entry.id}`, { method: "PATCH", body: changes });
+      await refresh(["recordings"]);
+    });
 }
 
 async function forget(kind, noun, entry) {
-  const text = `“${entry.file_name}”, ${bytes(entry.bytes)}, is removed from the server for good.`;
+  const text = `“${title(kind, entry)}”, ${bytes(entry.bytes)}, is removed from the server for good.`;
   if (!(await confirmed(`Delete this ${noun}?`, text))) return;
   const place = byId("trouble");
   try {

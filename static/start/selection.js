@@ -3,8 +3,9 @@
 import { call, sessionPath } from "../session/api.js";
 import { byId, setAttributes, setText } from "../session/dom.js";
 import { plural } from "../session/format.js";
-import { tagsIn, title } from "./card.js";
+import { title } from "./card.js";
 import { confirmed, trouble } from "./confirm.js";
+import { tagsIn } from "./edit.js";
 
 const SIDE_BY_SIDE = [2, 4]; // sessions, as many as find place beside each other
 

@@ -2,8 +2,9 @@
 
 import { call } from "../session/api.js";
 import { byId, reconcile, setText } from "../session/dom.js";
-import { fillCard, isEdited, keepingFocus } from "./card.js";
+import { fillCard, keepingFocus } from "./card.js";
 import { trouble } from "./confirm.js";
+import { isEdited } from "./edit.js";
 import { chosen, filters } from "./query.js";
 import * as selection from "./selection.js";
 import { onChange } from "./stored.js";
@@ -11,16 +12,23 @@ import * as toolbar from "./toolbar.js";
 
 const EVERY = 1500; // milliseconds between two questions; the picture's own pace is what a session's iterations give
 const LATER = 5000; // after an answer that failed
+const DRAWN = 60; // cards at first: nobody reads hundreds, and each change would look through all of them
 
 let timer;
 let questions = 0;
 let lost = false;
 let sessions = null; // as they were answered last
+let all = false; // whether more than DRAWN were asked for
 
 export function follow() {
   toolbar.install(show);
   selection.install(ask);
   onChange(show); // models, by whose names sessions are found
+  byId("more").addEventListener("click", () => {
+    all = true;
+    show();
+    byId("sessions").children[DRAWN]?.querySelector(".open").focus();
+  });
   document.addEventListener("visibilitychange", () => document.hidden || ask());
   ask();
 }
@@ -48,7 +56,10 @@ async function ask() {
 function show() {
   if (sessions === null) return;
   const fitting = chosen(sessions);
-  keepingFocus(() => reconcile(byId("sessions"), "card", withEdited(fitting), (session) => session.id, fill));
+  const drawn = all ? fitting : fitting.slice(0, DRAWN);
+  keepingFocus(() => reconcile(byId("sessions"), "card", withEdited(drawn), (session) => session.id, fill));
+  byId("more").parentElement.hidden = drawn.length === fitting.length;
+  setText(byId("more"), `Show all ${fitting.length}`);
   byId("empty").hidden = sessions.length > 0;
   const going = sessions.filter((session) => session.state === "running").length;
   const number = filters() ? `${fitting.length} of ${sessions.length} shown` : `${sessions.length} kept`;
@@ -57,11 +68,11 @@ function show() {
   selection.showSelection(sessions, fitting);
 }
 
-// What somebody writes in stays, though it fits no more.
-function withEdited(fitting) {
+// What somebody writes in stays, though it is not among those that are drawn any more.
+function withEdited(drawn) {
   const edited = [...byId("sessions").children].filter(isEdited).map((card) => card.dataset.key);
-  const left = sessions.filter((session) => edited.includes(session.id) && !fitting.includes(session));
-  return [...fitting, ...left];
+  const left = sessions.filter((session) => edited.includes(session.id) && !drawn.includes(session));
+  return [...drawn, ...left];
 }
 
 function fill(card, session) {

@@ -182,6 +182,32 @@ def test_what_was_missed_is_heard_after_a_break(serve: Callable[..., Any], resta
     assert_rising(before + after + anew)
 
 
+def test_another_name_is_heard_at_rest_and_between_iterations(
+    served: Any, client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = small.after(client, 1, name="before")
+    last, _, state = listen(served.url, path, until=lambda heard: heard[1] == "state")[-1]
+    assert state["name"] == "before"
+    client.patch(path, json={"name": "at rest"}).raise_for_status()
+    ((last, kind, state),) = listen(served.url, path, last, until=lambda heard: True)
+    assert (kind, state["name"], state["state"]) == ("state", "at rest", "paused")
+    # while an iteration is made it waits for that, and nothing comes out of turn
+    following = engine.following
+
+    def renaming(*given: Any, **named: Any) -> Any:
+        if client.get(path).json()["name"] == "at rest":
+            client.patch(path, json={"name": "running"}).raise_for_status()
+        return following(*given, **named)
+
+    monkeypatch.setattr(engine, "following", renaming)
+    client.post(f"{path}/run", json={"iterations": 2}).raise_for_status()
+    heard = listen(served.url, path, last, until=paused_at(3))
+    assert [number for number, *_ in heard] == sorted(number for number, *_ in heard)
+    assert [row["iteration"] for _, kind, row in heard if kind == "iteration"] == [2, 3]
+    names = [state["name"] for _, kind, state in heard if kind == "state"]
+    assert names == ["at rest", "running", "running"]
+
+
 def test_a_failure_is_an_event(served: Any, client: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*arguments: object) -> None:
         raise MemoryError("no room")

@@ -179,6 +179,16 @@ def test_sessions_are_found_by_their_tags(client: httpx.Client, ids: dict[str, s
 
     assert {path, other} <= set(found())
     assert (found("kitchen"), found("kitchen", "dark & cold"), found("Kitchen")) == ([path, other], [other], [])
+
+    # and a few at a time, which say how many there are
+    def some(**asked: Any) -> tuple[list[str], str]:
+        answer = client.get("/api/v1/sessions", params={"tag": "kitchen"} | asked)
+        return [f"/api/v1/sessions/{one['id']}" for one in answer.json()], answer.headers["X-Total-Count"]
+
+    assert some() == ([path, other], "2") and some(limit=1) == ([path], "2")
+    assert some(offset=1, limit=9) == ([other], "2") and some(offset=2) == ([], "2")
+    for asked, text in ({"limit": 0}, "limit"), ({"limit": "x"}, "limit"), ({"offset": -1}, "offset"):
+        problem(client.get("/api/v1/sessions", params=asked), 422, f"{text} in the query")
     client.delete(other)
 
 

@@ -289,7 +289,7 @@ def test_without_a_scan_that_came_later_it_opens_as_far_as_that(
 
 def test_rows_that_are_none_are_made_anew(client: httpx.Client, recorded: str, content: bytes, tmp_path: Path) -> None:
     """Also one that is a row but for a number that JSON cannot send, one that is certain of links without a posterior,
-    and the newest."""
+    and the newest. A phase that contradicts its stage is not believed."""
     rows = client.get(f"{recorded}/trace").json()["iterations"]
     endless = json.dumps(rows[7]).replace(f'"seconds": {rows[7]["seconds"]}', '"seconds": 1e999')
     other = json.dumps(rows[6]).replace('"drawer1"', '"door"')
@@ -297,7 +297,7 @@ def test_rows_that_are_none_are_made_anew(client: httpx.Client, recorded: str, c
     told = {
         0: certain,
         1: "no JSON",
-        2: "5",
+        2: json.dumps(rows[2] | {"phase": "at rest"}),
         3: "{}",
         4: '{"iteration": 4}',
         5: "[" * 5000,

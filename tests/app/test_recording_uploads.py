@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sqlite3
 import zlib
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from app.store import atomic_files
 from pmpnbp.inference import run as engine
 from pmpnbp.recording import Inputs, RecordingWriter
 from pmpnbp.recording.schema import unpack
@@ -63,6 +65,47 @@ def test_a_recording_comes_back_byte_for_byte(served: Any, recording: bytes) -> 
     assert served.client.get("/api/v1/recordings").json() == [document]
     assert served.client.delete(path).status_code == 204
     assert "there are 0 recordings" in detail(served.client.get(f"{path}/file"), 404)
+
+
+def test_a_recording_is_renamed_and_nothing_else_of_it(
+    served: Any, recording: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = served.app.state.store
+    empty = store.used_bytes()
+    made = upload(served.client, "recordings", "my run.db", recording)
+    entry = made.headers["Location"]
+    session = entry.replace("recordings", "sessions")
+    assert made.json()["name"] is None and served.client.get(session).json()["name"] == "my run"  # which opens it
+    told = served.client.patch(entry, json={"name": "  top drawer, at last "})
+    assert told.json() == made.json() | {"name": "top drawer, at last"}
+    assert served.client.get("/api/v1/recordings").json() == [told.json()]
+    assert served.client.get(session).json()["name"] == "top drawer, at last"
+    file = served.client.get(f"{entry}/file")
+    assert file.content == recording and 'filename="my_run.sqlite"' in file.headers["Content-Disposition"]
+    # who has it by its old name is told the new one
+    tag = {"If-None-Match": made.headers["ETag"]}
+    again = served.client.get(entry, headers=tag)
+    assert (again.status_code, again.json()) == (200, told.json())
+    assert served.client.get(entry, headers={"If-None-Match": again.headers["ETag"]}).status_code == 304
+    # rubbish changes nothing, and neither does a disk that is full
+    for body in ({}, {"name": " "}, {"name": "x" * 201}, {"name": None}, {"name": 5}, {"name": "never", "tags": []}):
+        assert "in the body" in detail(served.client.patch(entry, json=body), 422)
+    half = served.client.patch(entry, content=b'{"name": "\\ud800"}', headers={"Content-Type": "application/json"})
+    assert "surrogate" in detail(half, 422)
+    assert "is not here" in detail(served.client.patch("/api/v1/recordings/nothing", json={"name": "never"}), 404)
+    with monkeypatch.context() as patched:
+        patched.setattr("app.store.atomic_files.write_json", full)
+        assert "full" in detail(served.client.patch(entry, json={"name": "never"}), 507)
+    assert served.client.get(entry).json() == told.json()
+    # on the disk, too; and its room is free when it is gone
+    kept = atomic_files.read_json(store.root / "recordings" / told.json()["id"] / "recording.json")
+    assert kept is not None and kept["name"] == told.json()["name"]
+    assert served.client.delete(entry).status_code == 204
+    assert store.used_bytes() == empty and nothing_kept(served)
+
+
+def full(*given: Any) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
 
 
 def test_a_recording_that_would_run_its_senders_queries(served: Any, recording: bytes, tmp_path: Path) -> None:

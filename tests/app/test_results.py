@@ -213,6 +213,7 @@ def test_the_trace_tells_each_iteration(client: httpx.Client, path: str) -> None
     rows = answer.json()["iterations"]
     assert [row["iteration"] for row in rows] == [0, 1, 2, 3, 4, 5, 6]
     assert [row["stage"] for row in rows][:4] == ["start", "search", "search", "belief propagation"]
+    assert [row["phase"] for row in rows] == ["searching"] * 3 + ["settling"] * 4
     assert rows[0]["log_likelihood"] is None  # the start has none; NaN would be no JSON
     estimate = client.get(f"{path}/estimate").json()
     assert rows[6]["particle_std_xyz"] == {link: estimate["links"][link]["particle_std_xyz"] for link in LINKS}

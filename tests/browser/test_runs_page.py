@@ -104,6 +104,13 @@ def test_name_and_tags_are_changed_where_they_stand(
     assert (told["name"], told["tags"]) == ("the hall's", ["to check", "dark"])
     shown.get_by_role("button", name="Only sessions with the tag dark").click()
     shows(page, "the hall's")
+    # a tag that a program gave may hold a comma, and stays whole beside others
+    served.client.patch(runs["hall"], json={"tags": ["row 2, left", "dark"]}).raise_for_status()
+    expect(shown.locator(".card-tags button")).to_have_text(["row 2, left", "dark"])
+    page.get_by_role("button", name="Name and tags of the session the hall's").click()
+    page.locator("form.edit").get_by_label("Tags").fill("row 2, left, dark, new,, row 2")
+    page.keyboard.press("Enter")
+    expect(shown.locator(".card-tags button")).to_have_text(["row 2, left", "dark", "new", "row 2"])
     # what somebody writes in stays while the list goes on, and though it fits no more
     page.get_by_role("button", name="Name and tags of the session the hall's").click()
     form = page.locator("form.edit")
@@ -150,6 +157,30 @@ def test_several_are_tagged_laid_side_by_side_and_deleted(
     expect(chosen.get_by_role("status")).to_have_text("2 selected")
     chosen.get_by_role("button", name="None").click()
     expect(chosen).to_be_hidden()
+
+
+def test_of_very_many_the_first_are_drawn_until_all_are_asked_for(
+    page: Page, served: Served, runs: dict[str, str]
+) -> None:
+    one = served.client.get(runs["lab"]).json() | {"iteration": None}  # no pictures: the others are not there
+    many = [one | {"id": f"{number:016x}", "name": f"run {number}"} for number in range(150)]
+    page.route("**/api/v1/sessions", lambda route: route.fulfill(json=many))
+    page.goto(served.url)
+    cards, more = page.locator(".card"), page.get_by_role("button", name="Show all 150", exact=True)
+    expect(cards).to_have_count(60)
+    expect(page.locator("#summary")).to_have_text("150 kept, 0 running")
+    # order and filters look at all of them
+    page.get_by_label("Order").select_option("name")
+    expect(cards.first.locator(".name")).to_have_text("run 0")
+    page.get_by_label("Name, model or tag").fill("run 149")
+    shows(page, "run 149")
+    expect(more).to_be_hidden()
+    page.get_by_label("Name, model or tag").fill("")
+    more.focus()
+    page.keyboard.press("Enter")
+    expect(cards).to_have_count(150)
+    expect(more).to_be_hidden()
+    expect(cards.nth(60).locator(".open")).to_be_focused()
 
 
 def test_pictures_are_only_asked_for_where_somebody_looks(page: Page, served: Served) -> None:

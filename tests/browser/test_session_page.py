@@ -64,6 +64,9 @@ def test_step_run_and_pause(page: Page, served: Served, session: str) -> None:
         page.get_by_role("button", name="Run until at rest").click()
     assert small.at_rest(served.client, session)["iteration"] >= 10
     expect(page.locator("#state-word")).to_have_text(re.compile("paused|at rest"))
+    served.client.patch(session, json={"name": "another cabinet"}).raise_for_status()  # as from another page
+    expect(page.locator("#name")).to_have_text("another cabinet")
+    expect(page).to_have_title(re.compile("^another cabinet"))
 
     page.locator("#run-open").click()
     page.get_by_role("spinbutton", name="Iterations", exact=True).fill("5000")

@@ -211,7 +211,15 @@ def test_a_recording_is_dropped_and_looked_at(page: Page, served: Served, tmp_pa
     expect(listed).to_contain_text("cabinet, 3 iterations")
     expect(listed).to_contain_text(re.compile(r"\d+ kB|\d\.\d MB"))
     expect(listed.get_by_role("link", name="yesterday.sqlite")).to_have_attribute("href", f"/sessions/{id}/")
-    listed.get_by_role("button", name="Delete the recording yesterday.sqlite").click()
+    listed.get_by_role("button", name="Name of the recording yesterday.sqlite").click()
+    expect(listed.get_by_label("Tags")).to_be_hidden()
+    expect(listed.get_by_label("Name", exact=True)).to_be_focused()
+    page.keyboard.type("the arm, yesterday")
+    page.keyboard.press("Enter")
+    expect(listed.get_by_role("link", name="the arm, yesterday")).to_have_attribute("href", f"/sessions/{id}/")
+    expect(listed.get_by_role("button", name="Name of the recording the arm, yesterday")).to_be_focused()
+    assert served.client.get(f"/api/v1/sessions/{id}").json()["name"] == "the arm, yesterday"
+    listed.get_by_role("button", name="Delete the recording the arm, yesterday").click()
     page.get_by_role("dialog").get_by_role("button", name="Delete").click()
     expect(page.get_by_role("region", name="Recordings")).to_have_count(0)
     assert served.client.get("/api/v1/recordings").json() == []

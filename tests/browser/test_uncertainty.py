@@ -143,11 +143,12 @@ def test_the_verdict_of_a_fit(
         expect(box).to_be_hidden()
         return
     box.click()
-    expect(page.get_by_role("tab", name="Layers")).to_have_attribute("aria-selected", "true")
+    setup = page.locator("#setup")
+    expect(setup.get_by_role("button", name="my own box")).to_have_attribute("aria-pressed", "true")
+    expect(box).to_be_hidden()
     wait(page, lambda: view(page, served)["show"]["region"])
-    expect(
-        page.get_by_role("tabpanel", name="Layers").get_by_label("largest z of the region, centimetres")
-    ).to_be_visible()
+    setup.get_by_role("button", name="Close without running").click()
+    expect(box).to_be_visible()
 
 
 def test_the_verdict_while_it_goes_on(page: Page, served: Served) -> None:

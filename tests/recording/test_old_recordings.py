@@ -63,6 +63,7 @@ def test_rows_that_do_not_tell_which_links_were_certain_say_so(path: Path) -> No
     archive.open(CRITERIA)
     rows = [json.loads(row) for row in archive.rows()]
     assert [row["certain_by_link"] for row in rows] == [None] * len(rows)
+    assert [rows[0]["phase"], rows[-1]["phase"]] == ["searching", "at rest" if old["converged"] else "settling"]
     assert [row["std_xyz"] for row in rows] == [None] * (len(rows) - 1) + [old["std_xyz"]]
     assert archive.row == rows[-1]
 

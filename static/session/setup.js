@@ -72,7 +72,7 @@ async function propose() {
 function offer() {
   const chosen = state.session?.roi ?? regions[0]?.roi ?? null;
   changeView({ proposals: regions.map(({ roi }) => roi), show: { region: chosen !== null } });
-  if (chosen) changeView({ region: chosen });
+  if (chosen) changeView({ region: chosen, look: "fit" });
   show();
 }
 
@@ -100,7 +100,8 @@ function show() {
   const choices = regions.map(({ roi, size }, at) =>
     choice(`${at + 1}`, sizeText(size), at === taken, () => choose(roi), at === 0 ? "most like the model" : ""),
   );
-  if (own) choices.push(choice("✎", "my own box", !everything && taken < 0, () => choose(own), sizeOf(own)));
+  const name = same(own, state.session?.roi) ? "this session’s box" : "my own box";
+  if (own) choices.push(choice("✎", name, !everything && taken < 0, () => choose(own), sizeOf(own)));
   choices.push(choice("∗", "anywhere in the scan", everything, () => changeView({ show: { region: false } })));
   setContent(byId("setup-choices"), choices);
   byId("setup-draw").hidden = !everything;

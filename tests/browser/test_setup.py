@@ -82,7 +82,7 @@ def test_a_box_is_drawn_by_hand_and_the_model_is_laid_into_it(page: Page, served
     # a session that has run is set up anew from its page; a box with nothing in it is refused, and nothing has changed
     small.at_rest(served.client, session)
     page.get_by_role("button", name="Set up").click()
-    expect(own).to_have_attribute("aria-pressed", "true")
+    expect(panel.get_by_role("button", name="this session’s box")).to_have_attribute("aria-pressed", "true")
     page.get_by_role("button", name="Close without running").click()
     expect(panel).to_be_hidden()
     assert served.client.get(session).json()["roi"] == found["roi"]

@@ -144,7 +144,7 @@ def test_the_verdict_of_a_fit(
         return
     box.click()
     setup = page.locator("#setup")
-    expect(setup.get_by_role("button", name="my own box")).to_have_attribute("aria-pressed", "true")
+    expect(setup.get_by_role("button", name="this session’s box")).to_have_attribute("aria-pressed", "true")
     expect(box).to_be_hidden()
     wait(page, lambda: view(page, served)["show"]["region"])
     setup.get_by_role("button", name="Close without running").click()

@@ -46,6 +46,15 @@ function isAngle(type, at) {
   return (type === "planar" && at === 2) || (type === "floating" && at > 2);
 }
 
+// The unit that people read for one of the server's, and how many of it one of that is.
+export function unitRead(unit) {
+  if (unit === "m") return { word: "cm", factor: 100 };
+  if (unit === "rad") return { word: "°", factor: DEGREES };
+  return { word: unit, factor: 1 };
+}
+// Without the digits that a change of units adds.
+export const exact = (value) => Number(value.toPrecision(9));
+
 // A number with a unit of the server's ("m", "rad") as people read it.
 export function measured(value, unit, places = 1) {
   if (unit === "m") return centimetres(value, places);

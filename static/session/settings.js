@@ -1,10 +1,10 @@
-// With which settings does the inference go on? Every entry of /api/v1/settings with its help, unit and limits; a change
-// counts from the next iteration on. Method and particle count are a session's for life: those start a new one.
+// With which settings does the inference go on? Every entry of /api/v1/settings with its help, unit and limits, lengths in
+// centimetres and angles in degrees as all over the page; a change counts from the next iteration on. Method and particle count are a session's for life: those start a new one.
 
 import { call, sessionPath } from "./api.js";
 import { startDerivedSession } from "./derived_session.js";
 import { button, byId, h, setText } from "./dom.js";
-import { methodWord } from "./format.js";
+import { exact, methodWord, unitRead } from "./format.js";
 import { isRecording, state, subscribe, update } from "./state.js";
 
 // Where a stage's settings begin, by the first one's name; the server lists them in the order of the stages.
@@ -53,33 +53,41 @@ export async function install() {
 
 function row(entry) {
   const id = `setting-${entry.name}`;
+  const { word, factor } = unitRead(entry.unit);
+  const number = (value) => exact(value * factor);
   const changed = () => {
     const value =
-      entry.kind === "boolean" ? input.checked : entry.kind === "string" ? input.value : Number(input.value);
+      entry.kind === "boolean"
+        ? input.checked
+        : entry.kind === "string"
+          ? input.value
+          : exact(Number(input.value) / factor);
     if (input.value === "" && entry.kind !== "boolean") show();
     else send({ [entry.name]: value }, error);
   };
+  const ends = [entry.low, entry.high].map((end) => (end === null ? null : number(end)));
   const step = entry.kind === "integer" ? "1" : "any";
   const input = entry.choices.length
     ? h("select", { id }, [entry.choices.map((choice) => h("option", { value: choice }, choice))])
     : entry.kind === "boolean"
       ? h("input", { id, type: "checkbox", role: "switch" })
-      : h("input", { id, type: "number", step, min: entry.low, max: entry.high });
+      : h("input", { id, type: "number", step, min: ends[0], max: ends[1] });
   input.setAttribute("aria-describedby", `${id}-help`);
   input.addEventListener("change", changed);
   const error = h("p", { class: "wrong", role: "alert", hidden: true });
+  const standard = typeof entry.default === "number" ? `${number(entry.default)} ${word}`.trim() : entry.default;
   const reset = button("↺", () => send({ [entry.name]: entry.default }, error), {
     class: "reset",
-    "aria-label": `Reset ${entry.name} to ${entry.default}`,
-    title: `reset to ${entry.default}`,
+    "aria-label": `Reset ${entry.name} to ${standard}`,
+    title: `reset to ${standard}`,
   });
-  const limits = [entry.low !== null ? `from ${entry.low}` : "", entry.high !== null ? `to ${entry.high}` : ""]
+  const limits = [ends[0] !== null ? `from ${ends[0]}` : "", ends[1] !== null ? `to ${ends[1]}` : ""]
     .filter(Boolean)
     .join(" ");
   const place = h("div", { class: "setting" }, [
     h("label", { for: id }, entry.name.replaceAll("_", " ")),
     input,
-    h("span", { class: "unit" }, entry.unit),
+    h("span", { class: "unit" }, word),
     reset,
     h("p", { class: "help", id: `${id}-help` }, [
       entry.help,
@@ -87,7 +95,7 @@ function row(entry) {
     ]),
     error,
   ]);
-  rows.set(entry.name, { entry, input, reset, place });
+  rows.set(entry.name, { entry, input, number, reset, place });
   return place;
 }
 
@@ -101,11 +109,11 @@ function show() {
   const fixed = isRecording();
   byId("settings-fixed").hidden = !fixed;
   for (const preset of ["robust", "paper"]) byId(`preset-${preset}`).disabled = fixed;
-  for (const { entry, input, reset, place } of rows.values()) {
+  for (const { entry, input, number, reset, place } of rows.values()) {
     const value = config[entry.name] ?? (paper ? entry.paper : entry.default);
     if (document.activeElement !== input || input.type === "checkbox") {
       if (input.type === "checkbox") input.checked = Boolean(value);
-      else input.value = value;
+      else input.value = typeof value === "number" ? number(value) : value;
     }
     input.disabled = fixed;
     const changed = value !== entry.default;

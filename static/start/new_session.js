@@ -3,6 +3,7 @@
 
 import { call } from "../session/api.js";
 import { byId, h, reconcile, setText } from "../session/dom.js";
+import { exact } from "../session/format.js";
 import { trouble } from "./confirm.js";
 import { aboutScan, count, when } from "./format.js";
 import { onChange, openNew, stored } from "./stored.js";
@@ -96,8 +97,12 @@ export function setPrior(text) {
   about();
 }
 
+// numbers: metres, as the server has them
 export function setRegion(numbers) {
-  for (const [place, input] of region().entries()) input.value = numbers[place] ?? "";
+  for (const [place, input] of region().entries()) {
+    const number = numbers[place];
+    input.value = Number.isFinite(number) ? exact(number * 100) : "";
+  }
 }
 
 function useBounds() {
@@ -106,7 +111,7 @@ function useBounds() {
   if (!boxes.length) return trouble(byId("create-trouble"), "Choose a scan first, whose bounds are to be taken.");
   trouble(byId("create-trouble"), "");
   const most = (place) => (place < 3 ? Math.min : Math.max)(...boxes.map((box) => box[place]));
-  setRegion([0, 1, 2, 3, 4, 5].map((place) => most(place).toFixed(3)));
+  setRegion([0, 1, 2, 3, 4, 5].map((place) => Number(most(place).toFixed(3))));
 }
 
 // The members that the server takes. Throws what is missing, where only the page can know it.
@@ -123,10 +128,10 @@ function members() {
   }
   if (byId("preset").value !== "robust") asked.config = { preset: byId("preset").value };
   asked.prior = prior();
-  const box = region().map((input) => input.valueAsNumber);
+  const box = region().map((input) => input.valueAsNumber / 100);
   const given = box.filter((number) => !Number.isNaN(number)).length;
   if (given && given < 6) throw new Error(`The region of interest has ${given} of its 6 numbers: give all, or none.`);
-  if (given) asked.roi = box;
+  if (given) asked.roi = box.map(exact);
   return asked;
 }
 

@@ -37,9 +37,9 @@ def test_files_are_chosen_and_become_a_session(page: Page, served: Served) -> No
     page.get_by_role("textbox", name="Name", exact=True).fill("made by hand")
     page.get_by_label("any orientation").check()
     page.get_by_role("button", name="Bounds of the scans").click()
-    expect(page.get_by_label("x from, metres")).to_have_value(f"{scan['bounds'][0]:.3f}")
+    expect(page.get_by_label("x from, centimetres")).to_have_value(f"{100 * round(scan['bounds'][0], 3):.6g}")
     for label, number in zip(("x from", "y from", "z from", "x to", "y to", "z to"), small.ROI, strict=True):
-        page.get_by_label(f"{label}, metres").fill(str(number))
+        page.get_by_label(f"{label}, centimetres").fill(f"{100 * number:.6g}")
     page.get_by_label("Method").select_option("particle filter")
     page.get_by_label("Preset").select_option("paper")
     page.get_by_label("Particles per part").fill("30")
@@ -82,7 +82,7 @@ def test_files_are_dropped_wherever_it_is_on_the_page(page: Page, served: Served
     expect(page.get_by_role("list", name="Uploads").get_by_text("7 links, 6 joints, 4 parts")).to_be_visible()
     expect(page.get_by_label("about where I say")).to_be_checked()
     assert json.loads(page.get_by_label("prior.json", exact=True).input_value()) == prior
-    expect(page.get_by_label("z to, metres")).to_have_value(str(small.ROI[5]))
+    expect(page.get_by_label("z to, centimetres")).to_have_value(f"{100 * small.ROI[5]:.6g}")
     # a scan is missing, and the page says so before the server has to
     page.get_by_role("button", name="Next: where is it?").click()
     expect(page.locator("#create-trouble")).to_have_text(re.compile("A scan is missing"))
@@ -155,7 +155,7 @@ def test_a_wrong_file_is_told_in_the_servers_words(
     page.get_by_role("checkbox", name="depth.png").check()
     page.get_by_text("Advanced:").click()
     for label in ("x from", "y from", "z from", "x to", "y to", "z to"):
-        page.get_by_label(f"{label}, metres").fill("70")
+        page.get_by_label(f"{label}, centimetres").fill("7000")
     asked = {
         "model_id": served.client.get("/api/v1/models").json()[0]["id"],
         "scan_ids": [served.client.get("/api/v1/scans").json()[0]["id"]],
@@ -164,7 +164,7 @@ def test_a_wrong_file_is_told_in_the_servers_words(
     said = served.client.post("/api/v1/sessions", json=asked).json()["detail"]
     page.get_by_role("button", name="Next: where is it?").click()
     expect(page.locator("#create-trouble")).to_have_text(said)
-    page.get_by_label("z to, metres").fill("")
+    page.get_by_label("z to, centimetres").fill("")
     page.get_by_role("button", name="Next: where is it?").click()
     expect(page.locator("#create-trouble")).to_contain_text("5 of its 6 numbers")
     assert sessions(served) == []

@@ -18,7 +18,8 @@ Poses of the links and positions of the joints of an articulated object, from de
 
 Units: metres, radians, seconds. Frames are right-handed. The camera frame is optical: x right, y down, z forward.
 `world` is the frame in which the camera's pose was given, and the camera frame where none was given. A failed call
-changes nothing and answers `application/problem+json`. The POSTs that create take an `Idempotency-Key`.
+changes nothing and answers `application/problem+json`. The calls that create, and commands to sessions, take an
+`Idempotency-Key`.
 """
 TAGS = {
     "models": "Articulated objects: a URDF, or a zip that holds one with its meshes.",

@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from app.documentation import answer
 from app.problems import HttpProblem, responses
+from app.routes.once import SAFE_TO_REPEAT
 from app.store.store import KINDS, Document, Kind, Store
 from app.uploads.uploads import Uploads, etag, unchanged
 
@@ -124,7 +125,7 @@ def form(file: str, **fields: str) -> dict[str, Any]:
         "name": "Idempotency-Key",
         "in": "header",
         "required": False,
-        "description": "makes the call safe to repeat for a day: the same key and content give the same answer",
+        "description": SAFE_TO_REPEAT,
         "schema": {"type": "string", "minLength": 1, "maxLength": 255},
     }
     body = {"required": True, "content": {"multipart/form-data": {"schema": schema}}}

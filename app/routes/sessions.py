@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
+from pydantic import BaseModel
 
 from app.documentation import answer
 from app.problems import responses
 from app.routes.entries import not_modified, tellable
+from app.routes.once import CallOnce, Once
 from app.routes.parameters import LiveSession, SessionId, sessions_of
 from app.schemas import AddScanRequest, ChangeRequest, ResetRequest, RunRequest, Session, SessionRequest, StepRequest
-from app.store.idempotency import call_key
-from app.store.store import Store
 from app.uploads.uploads import unchanged
 from pmpnbp.json_text import json_bytes
 
@@ -38,26 +39,11 @@ commands = APIRouter(prefix="/sessions/{session_id}", responses=_BUSY)
     summary="Make a session",
     responses=MADE | responses(404, 409, 507),
 )
-def create_session(
-    body: SessionRequest,
-    request: Request,
-    response: Response,
-    idempotency_key: Annotated[
-        str | None,
-        Header(description="makes the call safe to repeat for a day: the same key and content give the same answer"),
-    ] = None,
-) -> Any:
+def create_session(body: SessionRequest, request: Request, response: Response, once: Once) -> Any:
     """It is at iteration 0, the start, and paused; `run` or `step` makes it iterate."""
-    store: Store = request.app.state.store
-    path = "/api/v1/sessions"
-    fingerprint = hashlib.sha256(body.model_dump_json().encode()).hexdigest()
     members = body.model_dump()
-    document = store.idempotency.once(
-        call_key(f"POST {path}", idempotency_key),
-        fingerprint,
-        lambda call: sessions_of(request).create(members, call).status(),
-    )
-    response.headers["Location"] = f"{path}/{document['id']}"
+    document = once.made(body, lambda call: sessions_of(request).create(members, call).status())
+    response.headers["Location"] = f"/api/v1/sessions/{document['id']}"
     return document
 
 
@@ -102,48 +88,43 @@ def delete_session(session_id: SessionId, request: Request) -> None:
 
 
 @commands.post("/run", status_code=202, response_model=Session, summary="Iterate in the background")
-def run_session(session: LiveSession, body: RunRequest | None = None) -> Any:
+def run_session(session: LiveSession, once: Once, body: RunRequest | None = None) -> Any:
     """Answers at once. A session that finds too many others running waits, first come, first served."""
     wanted = body or RunRequest()  # type: ignore[call-arg]  # every member has a default
-    session.run(wanted.iterations, wanted.until)
-    return session.status()
+    return _done(once, body, session, lambda: session.run(wanted.iterations, wanted.until))
 
 
 @commands.post("/step", response_model=Session, summary="Iterate, and wait for it")
-def step_session(session: LiveSession, body: StepRequest | None = None) -> Any:
-    """Answers after the last of the iterations."""
-    session.step(1 if body is None else body.iterations).result()
-    return session.status()
+def step_session(session: LiveSession, once: Once, body: StepRequest | None = None) -> Any:
+    """Answers after the last of the iterations, or when it is paused before."""
+    return _done(once, body, session, lambda: session.step(1 if body is None else body.iterations).result())
 
 
 @commands.post("/pause", response_model=Session, summary="Stop after the present iteration")
-def pause_session(session: LiveSession) -> Any:
+def pause_session(session: LiveSession, once: Once) -> Any:
     """Answers once that iteration is recorded. One whose posterior is being read out is not waited for: the next run
     makes it anew, to the same numbers. Nothing happens where the session does not run."""
-    session.pause().result()
-    return session.status()
+    return _done(once, None, session, lambda: session.pause().result())
 
 
 @commands.post("/reset", response_model=Session, summary="Begin anew", responses=responses(507))
-def reset_session(session: LiveSession, body: ResetRequest | None = None) -> Any:
+def reset_session(session: LiveSession, once: Once, body: ResetRequest | None = None) -> Any:
     """Back to iteration 0 with the settings and scans now in force, in any state. The old recording goes. Members that
     are named replace those that the session was made with: so a session made without a region is given one that
     GET regions proposes."""
-    session.reset({} if body is None else body.model_dump(include=body.model_fields_set)).result()
-    return session.status()
+    members = {} if body is None else body.model_dump(include=body.model_fields_set)
+    return _done(once, body, session, lambda: session.reset(members).result())
 
 
 @commands.patch("", response_model=Session, summary="Change settings, name or tags", responses=responses(507))
-def change_session(session: LiveSession, body: ChangeRequest) -> Any:
+def change_session(session: LiveSession, once: Once, body: ChangeRequest) -> Any:
     """Settings count from the next iteration on, in any state. Those that are not named stay; a preset resets them all.
     Name and tags are others at once, and the call waits for no iteration where it brings nothing else; `tags` are all
     that the session then has."""
     labels = body.model_dump(include={"name", "tags"} & body.model_fields_set)
     if "config" in body.model_fields_set:
-        session.change(body.config, labels).result()
-    else:
-        session.label(labels)
-    return session.status()
+        return _done(once, body, session, lambda: session.change(body.config, labels).result())
+    return _done(once, body, session, lambda: session.label(labels))
 
 
 @commands.post(
@@ -152,12 +133,21 @@ def change_session(session: LiveSession, body: ChangeRequest) -> Any:
     summary="Give it another scan",
     responses=responses(507, status_404="The session or the scan is not here.", status_409="It has this scan already."),
 )
-def add_session_scan(session: LiveSession, body: AddScanRequest) -> Any:
+def add_session_scan(session: LiveSession, once: Once, body: AddScanRequest) -> Any:
     """A scan in the same world frame, from the next iteration on: a further view of the same scene, or one that counts
     instead of all before it, as the scene has changed. The belief carries on from where it is. Where the scan confirms
     too little of it, the search begins again; the trace's `notes` say so."""
-    session.add_scan(body.scan_id, body.mode).result()
-    return session.status()
+    return _done(once, body, session, lambda: session.add_scan(body.scan_id, body.mode).result())
+
+
+def _done(once: CallOnce, body: BaseModel | None, session: LiveSession, command: Callable[[], None]) -> dict[str, Any]:
+    """The session's status after `command`."""
+
+    def act() -> dict[str, Any]:
+        command()
+        return session.status()
+
+    return once.done(body, act)
 
 
 router.include_router(commands)

@@ -6,7 +6,7 @@
 | `scans/ID/` | `scan.json`, `scan.npz` (depth image and camera) |
 | `sessions/ID/` | `session.json`, `recording.sqlite` |
 | `recordings/ID/` | `recording.json`, `recording.sqlite` |
-| `remembered/` | answers to calls that carried an `Idempotency-Key` and whose entry is deleted |
+| `remembered/` | answers to calls that carried an `Idempotency-Key`: commands, and those whose entry is deleted |
 | `incoming/` | uploads and entries that are not whole yet; emptied at every start |
 
 An entry comes to be by one rename (`atomic_files`), so at every instant it is there, whole, or not at all; the answer

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from app.problems import HttpProblem
-from app.store import atomic_files
+from app.store import atomic_files, idempotency
 from app.store.idempotency import ANSWER, KEEP_SECONDS, Call, IdempotencyKeys, call_key
 from app.store.store import Store
 from pmpnbp.errors import StorageError
@@ -127,6 +127,69 @@ def test_answers_are_forgotten_after_a_day_and_beyond_a_number(tmp_path: Path, m
     for number in range(5):
         call(f"key {number}")
     assert [call(f"key {number}") for number in (4, 3, 2, 1)] == [1, 1, 1, 2]
+
+
+def commanded(store: Store, done: list[str], key: str = "k", fingerprint: str = "print") -> dict[str, Any]:
+    """The answer to a command: how often it was done."""
+
+    def act() -> dict[str, Any]:
+        done.append(key)
+        return {"times": len(done)}
+
+    return store.idempotency.once(key, fingerprint, lambda call: store.idempotency.command(call, act))
+
+
+def test_a_command_is_done_once_over_restarts(store: Store) -> None:
+    done: list[str] = []
+    assert commanded(store, done) == commanded(store, done) == {"times": 1}
+    store = reopened(store)
+    assert commanded(store, done) == {"times": 1}
+    assert commanded(store, done, "another") == {"times": 2}
+    with pytest.raises(HttpProblem, match="other content"):
+        commanded(store, done, fingerprint="other")
+    assert store.idempotency.command(None, lambda: {"without": "a key"}) == {"without": "a key"}
+    store.close()
+
+
+def test_a_command_in_which_the_server_was_killed_is_not_done_again(
+    store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The answer cannot be written any more, as where the disk is full: what the next start finds is the same."""
+    done: list[str] = []
+    written, write = [], idempotency.replace_json
+
+    def once(partial: Path, place: Path, document: Any) -> None:
+        written.append(document["response"])
+        if len(written) > 1:
+            partial.write_text("half of it")
+            raise StorageError("the disk is full")
+        write(partial, place, document)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(idempotency, "replace_json", once)
+        assert commanded(store, done) == {"times": 1}
+    assert written == [None, {"times": 1}]
+    for _ in range(2):
+        with pytest.raises(HttpProblem, match="whether it was done is not known, so see how things stand") as caught:
+            commanded(store, done)
+        assert caught.value.status == 409 and done == ["k"]
+        store = reopened(store)
+    assert [place.suffix for place in (store.root / "remembered").iterdir()] == [".json"]
+    store.close()
+
+
+def test_a_command_is_not_begun_where_that_cannot_be_written(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[str] = []
+
+    def full(*_: object) -> None:
+        raise StorageError("the disk is full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(idempotency, "replace_json", full)
+        with pytest.raises(StorageError):
+            commanded(store, done)
+    assert done == []
+    assert commanded(store, done) == {"times": 1}
 
 
 def test_answers_of_an_older_store_are_still_given(store: Store) -> None:

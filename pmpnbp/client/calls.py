@@ -1,8 +1,8 @@
-"""How does a call reach a server, and come to an answer? With the token, and once more where that can do no harm.
+"""How does a call reach a server, and come to an answer? With the token, and once more where none came.
 
-A call that never arrived, or that the server refused for now (429, 503), has changed nothing: any call is made again.
-Where the connection broke before the answer came, the call may have been done: then only those are made again that do
-no more the second time, which are reads, deletions, and what carries an Idempotency-Key.
+A call that never arrived, or that the server refused for now (429, 503), has changed nothing. Where the connection
+broke before the answer came, the call may have been done. It is made again all the same: no call does more the second
+time, as reads and deletions do not, and all others carry an Idempotency-Key.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import time
 import uuid
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from email.utils import parsedate_to_datetime
-from itertools import count
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import IO, Any, TypeVar
 from urllib.parse import parse_qs, quote, urlsplit
 
 import httpx
@@ -30,13 +30,15 @@ Used = TypeVar("Used")
 PROBLEM = "application/problem+json"
 # Seconds before a call is made again where the server names none; doubled each time, up to the longest.
 FIRST_WAIT, LONGEST_WAIT = 0.5, 8.0
-# Of the seconds that a server names, so many at most.
-LONGEST_RETRY_AFTER = 60.0
+# Who is told to wait for longer is rather told why: somebody has to do something first, as delete a session.
+LONGEST_RETRY_AFTER = 30.0
 # Seconds until an address that says nothing is taken for nobody's.
 CONNECT_SECONDS = 10.0
 # Seconds that a server may compute before it answers, where a call makes it compute.
 COMPUTING_SECONDS = 600.0
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
+# What a proxy answers while the server behind it is away, or computes for longer than the proxy waits.
+_AWAY = (502, 503, 504)
 # Nothing of the call was sent where one of these was raised.
 _NEVER_SENT = (httpx.ConnectError, httpx.ConnectTimeout, httpx.PoolTimeout, httpx.ProxyError)
 
@@ -46,9 +48,8 @@ class Call:
     """What is asked of a server.
 
     path : below /api/v1/, as `path_of` makes it
-    files, data : of a form; json : of a body
-    repeatable : whether a second time does no more than the first
-    read_seconds : without a byte from the server, until it is taken for gone; None: without end; default: the client's
+    files, data : of a form, files by name and content, or where that lies; json : of a body
+    read_seconds : without a byte from the server, until it is taken for gone; at least the client's
     """
 
     method: str
@@ -56,14 +57,13 @@ class Call:
     params: Mapping[str, Any] = field(default_factory=dict)
     headers: Mapping[str, str] = field(default_factory=dict)
     json: Any = None
-    files: Mapping[str, tuple[str, bytes]] | None = None
+    files: Mapping[str, tuple[str, bytes | Path]] | None = None
     data: Mapping[str, str] | None = None
-    repeatable: bool = False
-    read_seconds: float | None = 0.0
+    read_seconds: float = 0.0
 
     def keyed(self) -> Call:
         """The same, safe to be made again: the server knows it by its key."""
-        return replace(self, headers={**self.headers, "Idempotency-Key": str(uuid.uuid4())}, repeatable=True)
+        return replace(self, headers={**self.headers, "Idempotency-Key": str(uuid.uuid4())})
 
     @property
     def has_key(self) -> bool:
@@ -75,18 +75,26 @@ class Failure(Exception):
     """An attempt that came to nothing.
 
     error : what to raise where no further one is made
+    again : whether a further one may come to something; wait : after so many seconds, where the server says
     broke : whether the call was sent, and nobody knows what became of it
-    refused_for_now : whether the server did nothing, and may do it later; wait : after so many seconds, where it says
+    at_work : whether an attempt before is still at work
     """
 
     def __init__(
-        self, error: ServerError, *, broke: bool = False, refused_for_now: bool = False, wait: float | None = None
+        self,
+        error: ServerError,
+        *,
+        again: bool = False,
+        wait: float | None = None,
+        broke: bool = False,
+        at_work: bool = False,
     ) -> None:
         super().__init__(str(error))
         self.error = error
-        self.broke = broke
-        self.refused_for_now = refused_for_now
+        self.again = again
         self.wait = wait
+        self.broke = broke
+        self.at_work = at_work
 
 
 class Calls:
@@ -113,12 +121,10 @@ class Calls:
         """The link by which a browser opens a page, with the token where there is one: not to be shown."""
         return f"{self.address}{path}" + ("" if self._token is None else f"?token={quote(self._token, safe='')}")
 
-    def get(self, *path: str, read_seconds: float | None = 0.0, **params: Any) -> httpx.Response:
+    def get(self, *path: str, read_seconds: float = 0.0, **params: Any) -> httpx.Response:
         """The answer to a GET. params : of the query, those that are not None. Raises ServerError."""
         given = {name: value for name, value in params.items() if value is not None}
-        return self.answer(
-            Call(method="GET", path=path_of(*path), params=given, repeatable=True, read_seconds=read_seconds)
-        )
+        return self.answer(Call(method="GET", path=path_of(*path), params=given, read_seconds=read_seconds))
 
     def answer(self, call: Call) -> httpx.Response:
         """The server's answer, all of it. Raises ServerError."""
@@ -127,22 +133,20 @@ class Calls:
     def used(self, call: Call, use: Callable[[httpx.Response], Used]) -> Used:
         """What `use` makes of the answer, which is still to be read; called anew where the connection breaks meanwhile.
         Raises ServerError."""
-        broke = False
-        for attempt in count():
+        broke, attempt = False, 0
+        while True:
             try:
                 with self.once(call) as response:
                     return use(response)
             except Failure as failure:
                 if broke and call.method == "DELETE" and failure.error.status == 404:
                     return use(httpx.Response(204))  # the attempt whose answer was lost has deleted it
-                # 409: the attempt whose answer was lost is still at work
-                at_work = broke and call.has_key and failure.error.status == 409
-                again = failure.refused_for_now or at_work or (failure.broke and call.repeatable)
-                if attempt >= self.retries or not again:
+                # what is at work is waited for, however long it takes
+                if not failure.again or (attempt >= self.retries and not failure.at_work):
                     raise failure.error from None
                 broke = broke or failure.broke
                 wait(attempt, failure)
-        raise AssertionError("count() does not end")
+                attempt += not failure.at_work
 
     @contextmanager
     def once(self, call: Call) -> Iterator[httpx.Response]:
@@ -150,41 +154,50 @@ class Calls:
         headers, content = dict(call.headers), None
         if call.json is not None:
             headers["Content-Type"], content = "application/json", json_text(call.json).encode()
-        read = None if call.read_seconds is None else max(call.read_seconds, self._timeout)
+        seconds = httpx.Timeout(
+            self._timeout, connect=min(self._timeout, CONNECT_SECONDS), read=max(call.read_seconds, self._timeout)
+        )
         try:
-            with self._client.stream(
-                call.method,
-                f"{self.address}/api/v1/{call.path}",
-                params=call.params or None,
-                headers=headers,
-                content=content,
-                files=call.files,
-                data=call.data,
-                timeout=httpx.Timeout(self._timeout, connect=min(self._timeout, CONNECT_SECONDS), read=read),
-            ) as response:
+            with (
+                _opened(call.files) as files,
+                self._client.stream(
+                    call.method,
+                    f"{self.address}/api/v1/{call.path}",
+                    params=call.params or None,
+                    headers=headers,
+                    content=content,
+                    files=files,
+                    data=call.data,
+                    timeout=seconds,
+                ) as response,
+            ):
                 if not response.is_success:
                     response.read()
-                    raise self._refusal(response, call)
+                    raise self._refusal(response)
                 yield response
         except httpx.RequestError as error:
             raise self._silence(error, call) from None
 
-    def _refusal(self, response: httpx.Response, call: Call) -> Failure:
+    def _refusal(self, response: httpx.Response) -> Failure:
         status, seconds, detail = response.status_code, _retry_after(response), _detail(response)
-        # A 503 without a time is for good where the server itself says it: there is nothing to draw with. Where another
-        # on the way says it, nobody knows what became of the call.
-        later = status == 429 or (status == 503 and (seconds is not None if detail else call.repeatable))
         if detail is None:
             points = f", pointing to {response.headers['location']}" if "location" in response.headers else ""
             detail = f"{self.address} answers {status} {response.reason_phrase}{points}, as no pmpnbp server does"
-        return Failure(ServerError(detail, status), refused_for_now=later, wait=seconds)
+            again = status in (429, *_AWAY)
+        else:
+            # Without a time a 503 is for good, as there is nothing to draw with, and a 409 tells of a session's state;
+            # with one it tells that the same call is still at work.
+            again = status == 429 or (status in (409, 503) and seconds is not None)
+        again = again and (seconds or 0.0) <= LONGEST_RETRY_AFTER
+        return Failure(ServerError(detail, status), again=again, wait=seconds, at_work=again and status == 409)
 
     def _silence(self, error: httpx.RequestError, call: Call) -> Failure:
         why = str(error) or type(error).__name__
         if isinstance(error, _NEVER_SENT):
-            return Failure(ServerError(f"no server answers at {self.address} ({why})"), refused_for_now=True)
-        unknown = "" if call.repeatable else "; whether it was done is not known"
-        return Failure(ServerError(f"the server at {self.address} broke off a call ({why}){unknown}"), broke=True)
+            return Failure(ServerError(f"no server answers at {self.address} ({why})"), again=True)
+        unknown = "; whether it was done is not known" if call.has_key else ""
+        error_told = ServerError(f"the server at {self.address} broke off a call ({why}){unknown}")
+        return Failure(error_told, again=True, broke=True)
 
 
 def path_of(*steps: str) -> str:
@@ -200,7 +213,7 @@ def json_text(value: Any) -> str:
 def wait(attempt: int, failure: Failure) -> None:
     """Let so much time go by as is due before the next attempt. attempt : how many failed before this one"""
     if failure.wait is not None:
-        time.sleep(min(failure.wait, LONGEST_RETRY_AFTER))
+        time.sleep(failure.wait)
     else:
         time.sleep(min(FIRST_WAIT * 2.0**attempt, LONGEST_WAIT))
 
@@ -215,6 +228,21 @@ def understood(what: str) -> Iterator[None]:
         raise ServerError(
             f"the server's answer is not {what} as this version of pmpnbp knows it ({came:.200})"
         ) from None
+
+
+@contextmanager
+def _opened(
+    files: Mapping[str, tuple[str, bytes | Path]] | None,
+) -> Iterator[dict[str, tuple[str, bytes | IO[bytes]]] | None]:
+    """The same, with what lies on the disk open, to be sent as it is read. Raises OSError."""
+    if files is None:
+        yield None
+        return
+    with ExitStack() as stack:
+        yield {
+            part: (name, content if isinstance(content, bytes) else stack.enter_context(content.open("rb")))
+            for part, (name, content) in files.items()
+        }
 
 
 def _read(response: httpx.Response) -> httpx.Response:

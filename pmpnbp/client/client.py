@@ -30,11 +30,11 @@ class Client:
     token : of the server, where it has one and the link does not carry it
     timeout : seconds without a byte from the server until it is taken for gone; where a call makes it compute, ten
         minutes, where those are more
-    retries : how often a call is made again that the server was too busy for (429, 503) or that it did not hear; one
-        that may have been done is made again only where that does no harm
+    retries : how often a call is made again that the server was too busy for (429, 503) or that it did not hear, as
+        while it starts anew: 15 s in all, where it names no time; none does more the second time
     """
 
-    def __init__(self, url: str, token: str | None = None, *, timeout: float = 60.0, retries: int = 4) -> None:
+    def __init__(self, url: str, token: str | None = None, *, timeout: float = 60.0, retries: int = 5) -> None:
         self._calls = Calls(url, token, timeout, retries)
 
     def __repr__(self) -> str:
@@ -73,6 +73,11 @@ class Client:
         """
         return uploads.upload_scan(self._calls, source, camera)
 
+    def upload_recording(self, path: FilePath) -> RemoteSession:
+        """A recording, as `RemoteSession.recording`, `pmpnbp.Session` and `pmpnbp estimate --recording` write one: a
+        session that can be read, and only read. Raises RecordingError where the file cannot be read here."""
+        return self.open_session(uploads.upload_recording(self._calls, path)["id"])
+
     def models(self) -> list[Model]:
         """All of the server's, oldest first."""
         answer = self._calls.get("models")
@@ -90,6 +95,12 @@ class Client:
         answer = self._calls.get("sessions", tag=tags)
         with understood("a list of sessions"):
             return [RemoteSession(self._calls, entry) for entry in answer.json()]
+
+    def recordings(self) -> list[RemoteSession]:
+        """Those that were uploaded, as sessions that can be read, oldest first; `delete` of one forgets it."""
+        answer = self._calls.get("recordings")
+        with understood("a list of recordings"):
+            return [RemoteSession.of_recording(self._calls, entry) for entry in answer.json()]
 
     def delete_model(self, id: str) -> None:
         """Delete a model that no session uses."""
@@ -181,7 +192,7 @@ class Client:
                 self._delete(kind, id)
 
     def _delete(self, kind: str, id: str) -> None:
-        self._calls.answer(Call(method="DELETE", path=path_of(kind, id), repeatable=True))
+        self._calls.answer(Call(method="DELETE", path=path_of(kind, id)))
 
 
 def _several(scans: Scan | ScanSource | Sequence[Scan | ScanSource]) -> Sequence[Scan | ScanSource]:

@@ -38,7 +38,7 @@ def events(calls: Calls, path: str, last_event_id: int | None) -> Iterator[Event
     while True:
         heard = False
         headers = {"Accept": "text/event-stream"} | ({} if last is None else {"Last-Event-ID": str(last)})
-        call = Call(method="GET", path=path, headers=headers, repeatable=True, read_seconds=SILENCE_SECONDS)
+        call = Call(method="GET", path=path, headers=headers, read_seconds=SILENCE_SECONDS)
         try:
             with calls.once(call) as response:
                 for event in reader.read(response.iter_bytes()):
@@ -47,7 +47,7 @@ def events(calls: Calls, path: str, last_event_id: int | None) -> Iterator[Event
         except Failure as failure:
             if failure.error.status == 404:
                 return
-            if failures >= calls.retries or not (failure.broke or failure.refused_for_now):
+            if failures >= calls.retries or not failure.again:
                 raise failure.error from None
             wait(failures, failure)
             failures += 1

@@ -33,11 +33,13 @@ Told = TypeVar("Told")
 
 # Seconds that one call waits for a session: below the minute after which proxies give a silent server up.
 WAIT_SECONDS = 50.0
+# Seconds beyond that until an answer is there, or the server is taken for gone.
+ANSWER_SECONDS = 30.0
 _BUSY = ("running", "waiting")
 
 
 class RemoteSession:
-    """One session; made by `Client.session` and `Client.open_session`. Thread-safe.
+    """One session, or uploaded recording; made by `Client.session` and `Client.open_session`. Thread-safe.
 
     Every method may raise ServerError: its text is the server's sentence, its `status` that of HTTP, and None where no
     server answered. An iteration is a number from 0, the start, on; None: the newest.
@@ -50,6 +52,13 @@ class RemoteSession:
         self.id: str = members["id"]
         self.name: str | None = members["name"]
         self._page: str = members["view_url"]
+        self._kind = "recordings" if members.get("kind") == "recording" else "sessions"
+
+    @staticmethod
+    def of_recording(calls: Calls, members: Mapping[str, Any]) -> RemoteSession:
+        """An uploaded recording, of what the server lists of it."""
+        id, name = members["id"], Path(members["file_name"]).stem
+        return RemoteSession(calls, {"id": id, "name": name, "view_url": f"/sessions/{id}/", "kind": "recording"})
 
     def __repr__(self) -> str:
         called = "" if self.name is None else f", '{self.name}',"
@@ -81,8 +90,9 @@ class RemoteSession:
         return self._told("POST", "run", json=asked)
 
     def step(self, iterations: int = 1) -> dict[str, Any]:
-        """So many more iterations (1 to 1000), and wait for them however long they take. Gives what `status` does."""
-        return self._told("POST", "step", json={"iterations": iterations}, read_seconds=None)
+        """So many more iterations (1 to 1000), and wait for them however long they take; fewer where it is paused
+        meanwhile, as by a server that stops. Gives what `status` does."""
+        return self._told("POST", "step", json={"iterations": iterations}, read_seconds=0.0)
 
     def pause(self) -> dict[str, Any]:
         """Stop after the present iteration. Gives what `status` does."""
@@ -133,17 +143,18 @@ class RemoteSession:
 
     def delete(self) -> None:
         """Delete it, and its recording."""
-        self._calls.answer(Call(method="DELETE", path=path_of("sessions", self.id), repeatable=True))
+        self._calls.answer(Call(method="DELETE", path=path_of(self._kind, self.id)))
 
     # What it tells
 
     def status(self) -> dict[str, Any]:
         """What it was made of and how far it is: state (paused, waiting, running, failed or recorded), iteration,
         converged, certain, fit, error and all that `GET /api/v1/sessions/{id}` describes."""
-        return self._read("a session", httpx.Response.json)
+        return self._read("a session", httpx.Response.json, read_seconds=0.0)
 
     def wait(self, until: Wait = "converged", timeout: float = 600.0) -> Estimate:
-        """The estimate once that is so, or once the session has come to rest without it: what comes says which.
+        """The estimate once that is so, or once the session has come to rest without it, as after a restart of the
+        server: what comes says which.
 
         until : nothing moves any more ("converged"), every link is "certain", or it does not iterate ("idle")
         timeout : seconds; ServerError where they are over, and where the session is failed
@@ -152,7 +163,8 @@ class RemoteSession:
         while True:
             left = max(0.0, end - time.monotonic())
             seconds = min(left, WAIT_SECONDS)
-            members = self._read("an estimate", httpx.Response.json, "estimate", wait=until, timeout=seconds)
+            to_json, patience = httpx.Response.json, seconds + ANSWER_SECONDS
+            members = self._read("an estimate", to_json, "estimate", read_seconds=patience, wait=until, timeout=seconds)
             with understood("an estimate"):
                 state, so = members["state"], until != "idle" and members[until]
             if state not in _BUSY:
@@ -212,7 +224,6 @@ class RemoteSession:
             method="POST",
             path=path_of("sessions", self.id, "decision"),
             json=question(links, max_std, views),
-            repeatable=True,  # it changes nothing
             read_seconds=COMPUTING_SECONDS,
         )
         answer = self._calls.answer(asked)
@@ -258,12 +269,7 @@ class RemoteSession:
                 for chunk in response.iter_bytes():
                     file.write(chunk)
 
-        call = Call(
-            method="GET",
-            path=path_of("sessions", self.id, "recording"),
-            repeatable=True,
-            read_seconds=COMPUTING_SECONDS,
-        )
+        call = Call(method="GET", path=path_of("sessions", self.id, "recording"), read_seconds=COMPUTING_SECONDS)
         try:
             self._calls.used(call, write)
             os.replace(partial, place)
@@ -275,9 +281,9 @@ class RemoteSession:
 
     # How
 
-    def _told(self, method: str, *steps: str, json: Any = None, read_seconds: float | None = COMPUTING_SECONDS) -> Any:
+    def _told(self, method: str, *steps: str, json: Any = None, read_seconds: float = COMPUTING_SECONDS) -> Any:
         path = path_of("sessions", self.id, *steps)
-        answer = self._calls.answer(Call(method=method, path=path, json=json, read_seconds=read_seconds))
+        answer = self._calls.answer(Call(method=method, path=path, json=json, read_seconds=read_seconds).keyed())
         with understood("a session"):
             return answer.json()
 

@@ -1,4 +1,4 @@
-"""How do models, scans, cameras and priors come to a server? As the bytes of files, and arrays as a file of them."""
+"""How do models, scans, recordings, cameras and priors come to a server? As files, and arrays as a file of them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pmpnbp.client.calls import COMPUTING_SECONDS, Call, Calls, json_text, understood
 from pmpnbp.client.entries import Model, Scan
-from pmpnbp.errors import ModelError, PmpnbpError, PriorError, ScanError
+from pmpnbp.errors import ModelError, PmpnbpError, PriorError, RecordingError, ScanError
 
 FilePath = str | PathLike[str]
 # A file, or depth (H, W) in metres, or points (N, 3) or (H, W, 3), metres, in the camera's frame.
@@ -29,7 +29,7 @@ _ID = re.compile("[0-9a-f]{16}")
 
 def upload_model(calls: Calls, path: FilePath) -> Model:
     """The model of a URDF, or of a zip with a URDF and its meshes, on the server. Raises ModelError, ServerError."""
-    answer = _taken_in(calls, "models", model_file(path), {})
+    answer = _taken_in(calls, "models", _file(path, "model", ModelError), {})
     with understood("a model"):
         return Model.from_dict(answer.json())
 
@@ -42,6 +42,13 @@ def upload_scan(calls: Calls, source: ScanSource, camera: Members | None) -> Sca
         return Scan.from_dict(answer.json())
 
 
+def upload_recording(calls: Calls, path: FilePath) -> Mapping[str, Any]:
+    """The server's document of a recording. Raises RecordingError, ServerError."""
+    answer = _taken_in(calls, "recordings", _file(path, "recording", RecordingError), {})
+    with understood("a recording"):
+        return dict(answer.json())
+
+
 def known_id(entry: Model | Scan | ScanSource) -> str | None:
     """The id of what a server has: of a model or scan, or an id itself; None for what is to be uploaded."""
     if isinstance(entry, Model | Scan):
@@ -49,20 +56,15 @@ def known_id(entry: Model | Scan | ScanSource) -> str | None:
     return entry if isinstance(entry, str) and _ID.fullmatch(entry) else None
 
 
-def _taken_in(calls: Calls, kind: str, file: tuple[str, bytes], fields: Mapping[str, str]) -> httpx.Response:
+def _taken_in(calls: Calls, kind: str, file: tuple[str, bytes | Path], fields: Mapping[str, str]) -> httpx.Response:
     form = Call(method="POST", path=kind, files={"file": file}, data=fields, read_seconds=COMPUTING_SECONDS)
     return calls.answer(form.keyed())
 
 
-def model_file(path: FilePath) -> tuple[str, bytes]:
-    """Name and content. Raises ModelError."""
-    return _name(path), _content(path, f"model '{Path(path).name}'", ModelError)
-
-
-def scan_file(source: ScanSource) -> tuple[str, bytes]:
-    """Name and content, of an array as NPZ. Raises ScanError."""
+def scan_file(source: ScanSource) -> tuple[str, bytes | Path]:
+    """Name, and content as NPZ where it is an array. Raises ScanError."""
     if not isinstance(source, np.ndarray):
-        return _name(source), _content(source, f"scan '{Path(source).name}'", ScanError)
+        return _file(source, "scan", ScanError)
     cloud = source.ndim in (2, 3) and source.shape[-1] == 3
     if not cloud and source.ndim != 2:
         raise ScanError(
@@ -100,20 +102,21 @@ def prior_members(prior: Members) -> Mapping[str, Any]:
     return members
 
 
-def _name(path: FilePath) -> str:
-    """As a form can carry it: a name that is no text loses what cannot be written."""
-    return Path(path).name.encode("utf-8", "replace").decode()
-
-
-def _content(path: FilePath, name: str, kind: type[PmpnbpError]) -> bytes:
+def _file(path: FilePath, noun: str, kind: type[PmpnbpError]) -> tuple[str, Path]:
+    """The name as a form can carry it, which loses what cannot be written, and the place. Raises `kind` where it cannot
+    be read: it is sent as it is read, however large it is."""
+    place = Path(path)
     try:
-        return Path(path).read_bytes()
+        place.open("rb").close()
     except OSError as error:
-        raise kind(f"{name} cannot be read: {error.strerror}") from None
+        raise kind(f"{noun} '{place.name}' cannot be read: {error.strerror}") from None
+    return place.name.encode("utf-8", "replace").decode(), place
 
 
 def _text(path: FilePath, name: str, kind: type[PmpnbpError]) -> str:
     try:
-        return _content(path, name, kind).decode("utf-8")
+        return Path(path).read_bytes().decode("utf-8")
+    except OSError as error:
+        raise kind(f"{name} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise kind(f"{name} is no text in UTF-8") from None

@@ -34,7 +34,10 @@ def opened(client: Client) -> RemoteSession:
 
 @pytest.mark.parametrize(
     "refusal",
-    [refused(503, retry_after="0"), refused(429, retry_after="0"), refused(429), Answer(503, b"<html>"), LOST],
+    [
+        *(refused(503, retry_after="0"), refused(429, retry_after="0"), refused(429)),
+        *(Answer(502, b"<html>"), Answer(503, b"<html>"), Answer(504, b"<html>"), LOST),
+    ],
 )
 def test_what_is_read_is_asked_for_again(scripted: Servers, at_once: None, refusal: Answer) -> None:
     server = scripted(refusal, refusal, told([]))
@@ -59,25 +62,43 @@ def test_a_refusal_for_good_is_not_asked_again(scripted: Servers, status: int) -
     assert caught.value.status == status and len(server.requests) == 1
 
 
-def test_what_may_have_been_done_is_not_asked_again(scripted: Servers) -> None:
-    for command in (RemoteSession.run, RemoteSession.step, RemoteSession.pause, RemoteSession.reset):
-        server = scripted(told(SESSION), LOST)
-        with (
-            Client(server.url) as client,
-            pytest.raises(ServerError, match="whether it was done is not known") as caught,
-        ):
-            command(opened(client))
-        assert server.url in str(caught.value) and caught.value.status is None and len(server.requests) == 2
+COMMANDS: list[Callable[[RemoteSession], object]] = [
+    RemoteSession.run,
+    RemoteSession.step,
+    RemoteSession.pause,
+    RemoteSession.reset,
+    lambda session: session.change(triangles=50),
+    lambda session: session.add_scan("1" * 16),
+]
 
 
-def test_what_a_stranger_refuses_may_have_been_done(scripted: Servers) -> None:
-    """A 503 that comes from something on the way, such as a proxy."""
-    server = scripted(told(SESSION), Answer(503, b"<html>", {"Retry-After": "0"}))
+def test_a_command_whose_answer_is_lost_is_told_again_with_its_key(scripted: Servers, at_once: None) -> None:
+    for command in COMMANDS:
+        server = scripted(told(SESSION), LOST, Answer(502, b"<html>"), told(SESSION))
+        with Client(server.url) as client:
+            assert command(opened(client)) == SESSION
+        first, *others = server.requests[1:]
+        assert [(one.method, one.path, one.body) for one in others] == [(first.method, first.path, first.body)] * 2
+        assert {one.headers["Idempotency-Key"] for one in server.requests[1:]} == {first.headers["Idempotency-Key"]}
+
+
+def test_a_command_that_nobody_answers_may_have_been_done(scripted: Servers, at_once: None) -> None:
+    server = scripted(told(SESSION), LOST, LOST)
     with (
-        Client(server.url) as client,
-        pytest.raises(ServerError, match="answers 503 Service Unavailable, as no pmpnbp"),
+        Client(server.url, retries=1) as client,
+        pytest.raises(ServerError, match=r"broke off a call \(.*\); whether it was done is not known$") as caught,
     ):
         opened(client).step()
+    assert server.url in str(caught.value) and caught.value.status is None and len(server.requests) == 3
+
+
+def test_a_step_whose_answer_is_lost_is_one_step(
+    served: Served, relay: Callable[..., Relay], client: Client, at_once: None
+) -> None:
+    session = client.open_session(small.create(served.client).rsplit("/", 1)[1])
+    with Client(relay(0).url) as far:
+        assert RemoteSession(far._calls, session.status()).step(2)["iteration"] == 2
+    assert session.status()["iteration"] == 2
 
 
 def test_what_was_refused_was_not_done_and_is_asked_again(scripted: Servers) -> None:
@@ -85,7 +106,6 @@ def test_what_was_refused_was_not_done_and_is_asked_again(scripted: Servers) -> 
     with Client(server.url) as client:
         assert opened(client).step(3) == SESSION
     assert [json.loads(request.body) for request in server.requests[1:]] == [{"iterations": 3}] * 3
-    assert not any("Idempotency-Key" in request.headers for request in server.requests)
 
 
 def test_what_makes_something_carries_the_same_key_each_time(scripted: Servers, at_once: None) -> None:
@@ -99,8 +119,10 @@ def test_what_makes_something_carries_the_same_key_each_time(scripted: Servers, 
 
 
 def test_a_call_that_is_still_at_work_is_waited_for(scripted: Servers, at_once: None) -> None:
-    server = scripted(LOST, refused(409, "still at work"), told(SESSION, 201), refused(409, "conflict"))
-    with Client(server.url) as client:
+    """However often that is said: a step may take minutes."""
+    at_work = [refused(409, "still at work", "0")] * 3
+    server = scripted(LOST, *at_work, told(SESSION, 201), refused(409, "conflict"))
+    with Client(server.url, retries=1) as client:
         assert client.session("0" * 16, "1" * 16).id == SESSION["id"]
         with pytest.raises(ServerError, match=r"^conflict$"):
             client.session("0" * 16, "1" * 16)
@@ -120,16 +142,24 @@ def test_how_long_is_waited(scripted: Servers, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(calls.time, "sleep", waits.append)
     at = format_datetime(datetime.now(UTC) + timedelta(seconds=3000), usegmt=True)
     past = format_datetime(datetime.now(UTC) - timedelta(seconds=3000), usegmt=True)
-    said = ["7", "1000000", at, past, None, "soon", None, None, None, None]
+    said = ["7", past, f"{LONGEST_RETRY_AFTER:g}", None, "soon", None, None, None, None]
     server = scripted(*[refused(429, retry_after=one) for one in said], told([]))
     with Client(server.url, retries=len(said)) as client:
         client.models()
-    assert waits == [7.0, LONGEST_RETRY_AFTER, LONGEST_RETRY_AFTER, 0.0, 8.0, 8.0, 8.0, 8.0, 8.0, 8.0]
+    assert waits == [7.0, 0.0, LONGEST_RETRY_AFTER, 4.0, 8.0, 8.0, 8.0, 8.0, 8.0]
     del waits[:]
-    server = scripted(*[refused(429)] * 4, told([]))
+    server = scripted(*[refused(429)] * 5, told([]))
     with Client(server.url) as client:
         client.models()
-    assert waits == [0.5, 1.0, 2.0, 4.0]
+    assert waits == [0.5, 1.0, 2.0, 4.0, 8.0]
+    del waits[:]
+    for longer in ("31", "1000000", at):
+        with (
+            Client(scripted(refused(429, "delete a session first", longer)).url) as client,
+            pytest.raises(ServerError, match=r"^delete a session first$"),
+        ):
+            client.models()
+    assert waits == []
 
 
 def test_an_upload_whose_answer_is_lost_makes_one_model(

@@ -16,7 +16,7 @@ from PIL import Image
 from pmpnbp.client.client import Client
 from pmpnbp.client.decisions import Sight, View
 from pmpnbp.client.session import RemoteSession
-from pmpnbp.errors import PmpnbpError, ServerError, StorageError
+from pmpnbp.errors import PmpnbpError, RecordingError, ServerError, StorageError
 from tests.app import small_sessions as small
 from tests.app.test_names_in_paths import session as session_of_names
 from tests.client.failing_servers import Scripted, refused, told
@@ -229,11 +229,20 @@ def test_a_recording_comes_whole_or_not_at_all(
     client: Client, served: Served, rested: RemoteSession, scripted: Callable[..., Scripted], tmp_path: Path
 ) -> None:
     path = rested.recording(str(tmp_path / "kept.sqlite"))
-    with path.open("rb") as file:
-        uploaded = served.client.post("/api/v1/recordings", files={"file": ("kept.sqlite", file)})
-    kept = client.open_session(uploaded.json()["id"])
-    assert kept.status()["state"] == "recorded" and kept.estimate().to_dict() == rested.estimate().to_dict()
-    assert kept.wait("certain").certain
+    kept = client.upload_recording(path)
+    assert (kept.name, kept.status()["state"]) == ("kept", "recorded")
+    assert kept.estimate().to_dict() == rested.estimate().to_dict() and kept.wait("certain").certain
+    assert len(kept.trace()) == len(rested.trace())
+    np.testing.assert_array_equal(kept.belief("drawer1", 4).particles, rested.belief("drawer1", 4).particles)
+    with pytest.raises(ServerError, match=f"'{kept.id}' is a recording; it cannot iterate") as refusal:
+        kept.step()
+    assert refusal.value.status == 409
+    (listed,) = client.recordings()
+    assert (listed.id, listed.name, listed.url) == (kept.id, kept.name, kept.url)
+    listed.delete()
+    assert client.recordings() == []
+    with pytest.raises(RecordingError, match=r"recording 'none\.sqlite' cannot be read: No such file"):
+        client.upload_recording(tmp_path / "none.sqlite")
     before = path.read_bytes()
     with (
         Client(scripted(refused(507, "its disk is full")).url) as far,

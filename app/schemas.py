@@ -229,6 +229,7 @@ class DecisionRequest(Body):
     views: list[ViewBody] | None = Field(
         None, min_length=1, max_length=100, description="ranked in the answer; default: views around the object"
     )
+    iteration: int | None = Field(None, ge=0, le=2**31, description="to decide by; default: the newest")
 
 
 class Progress(BaseModel):

@@ -67,7 +67,7 @@ async def post_decision(session_id: SessionId, request: Request, body: DecisionR
     are ranked by what they are expected to tell over their cost."""
     views = None if body.views is None else [PlannedView(_pose(view.pose), view.cost) for view in body.views]
     asked = None if body.links is None else list(dict.fromkeys(body.links))
-    session, snapshot = await told(request, session_id, None, asked or ())
+    session, snapshot = await told(request, session_id, body.iteration, asked or ())
     async with long_turn(request):
         return await anyio.to_thread.run_sync(_decided, session, snapshot, asked, body.max_std, views)
 

@@ -83,7 +83,7 @@ class Sessions:
             if len(self._sessions) + self._coming >= self._config.max_sessions:
                 raise HttpProblem(
                     429,
-                    f"there are {len(self._sessions)} sessions, the most that are kept; delete one first",
+                    f"{_there(len(self._sessions))}, the most that are kept (max_sessions); delete one first",
                     headers={"Retry-After": "60"},
                 )
             self._coming += 1
@@ -106,8 +106,7 @@ class Sessions:
             return session
         recorded = self._recordings.get(id)
         if recorded is None:
-            there = "there is 1 session" if count == 1 else f"there are {count} sessions"
-            raise HttpProblem(404, f"session '{id:.40}' is not here; {there}")
+            raise HttpProblem(404, f"session '{id:.40}' is not here; {_there(count)}")
         return recorded
 
     def session(self, id: str) -> Session:
@@ -196,3 +195,8 @@ class Sessions:
         with self._lock:
             self._sessions[session.id] = session
         return session
+
+
+def _there(count: int) -> str:
+    """How many sessions there are, in words."""
+    return "there is 1 session" if count == 1 else f"there are {count} sessions"

@@ -105,6 +105,7 @@ class Calls:
         self._token = in_link if token is None else token
         self._timeout = timeout
         self.retries = retries
+        self._answered = False
         host = urlsplit(self.address).hostname
         # a proxy that the environment names cannot reach this machine's own loopback
         direct = {f"all://[{host}]" if ":" in str(host) else f"all://{host}": None} if host in _LOOPBACK else None
@@ -142,7 +143,7 @@ class Calls:
                 if broke and call.method == "DELETE" and failure.error.status == 404:
                     return use(httpx.Response(204))  # the attempt whose answer was lost has deleted it
                 # what is at work is waited for, however long it takes
-                if not failure.again or (attempt >= self.retries and not failure.at_work):
+                if not failure.again or (attempt >= self._patience(failure) and not failure.at_work):
                     raise failure.error from None
                 broke = broke or failure.broke
                 wait(attempt, failure)
@@ -171,12 +172,19 @@ class Calls:
                     timeout=seconds,
                 ) as response,
             ):
+                self._answered = True
                 if not response.is_success:
                     response.read()
                     raise self._refusal(response)
                 yield response
         except httpx.RequestError as error:
             raise self._silence(error, call) from None
+
+    def _patience(self, failure: Failure) -> int:
+        """How often a call is made again that failed so. An address that nobody has answered at yet is rather a wrong
+        one than that of a server which starts anew."""
+        nobody = not self._answered and not failure.broke and failure.error.status is None
+        return self.retries // 2 if nobody else self.retries
 
     def _refusal(self, response: httpx.Response) -> Failure:
         status, seconds, detail = response.status_code, _retry_after(response), _detail(response)

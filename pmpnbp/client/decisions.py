@@ -87,6 +87,7 @@ def question(
     links: str | Sequence[str] | None,
     max_std: float | None,
     views: Iterable[ArrayLike | tuple[ArrayLike, float] | View] | None,
+    iteration: int | None,
 ) -> dict[str, Any]:
     """The members of what REST is asked. Raises PmpnbpError for a view that is none."""
     asked: dict[str, Any] = {}
@@ -94,6 +95,8 @@ def question(
         asked["links"] = [links] if isinstance(links, str) else list(links)
     if max_std is not None:
         asked["max_std"] = max_std
+    if iteration is not None:
+        asked["iteration"] = iteration
     if views is not None:
         asked["views"] = [_place(view) for view in views]
     return asked

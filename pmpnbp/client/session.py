@@ -210,6 +210,7 @@ class RemoteSession:
         links: str | Sequence[str] | None = None,
         max_std: float | None = None,
         views: Iterable[ArrayLike | tuple[ArrayLike, float] | View] | None = None,
+        iteration: int | None = None,
     ) -> Decision:
         """Act on the estimate, or look again, and from where?
 
@@ -223,7 +224,7 @@ class RemoteSession:
         asked = Call(
             method="POST",
             path=path_of("sessions", self.id, "decision"),
-            json=question(links, max_std, views),
+            json=question(links, max_std, views, iteration),
             read_seconds=COMPUTING_SECONDS,
         )
         answer = self._calls.answer(asked)

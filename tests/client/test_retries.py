@@ -148,10 +148,10 @@ def test_how_long_is_waited(scripted: Servers, monkeypatch: pytest.MonkeyPatch) 
         client.models()
     assert waits == [7.0, 0.0, LONGEST_RETRY_AFTER, 4.0, 8.0, 8.0, 8.0, 8.0, 8.0]
     del waits[:]
-    server = scripted(*[refused(429)] * 5, told([]))
+    server = scripted(*[refused(429)] * 6, told([]))
     with Client(server.url) as client:
         client.models()
-    assert waits == [0.5, 1.0, 2.0, 4.0, 8.0]
+    assert waits == [0.5, 1.0, 2.0, 4.0, 8.0, 8.0]
     del waits[:]
     for longer in ("31", "1000000", at):
         with (
@@ -197,12 +197,27 @@ def test_a_recording_whose_answer_breaks_is_fetched_anew(
     assert broken.connections == 2
 
 
-def test_no_server_is_told_with_its_address(at_once: None) -> None:
+def test_no_server_is_told_with_its_address(scripted: Servers, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After half as many attempts where there never was one."""
+    waits: list[float] = []
+    monkeypatch.setattr(calls.time, "sleep", waits.append)
     with socket.create_server(("127.0.0.1", 0)) as free:
         address = f"http://127.0.0.1:{free.getsockname()[1]}"
     with Client(address) as client, pytest.raises(ServerError, match=f"^no server answers at {address} \\(") as caught:
         client.models()
-    assert caught.value.status is None
+    assert caught.value.status is None and waits == [0.5, 1.0, 2.0]
+
+
+def test_a_server_that_was_there_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    waits: list[float] = []
+    monkeypatch.setattr(calls.time, "sleep", waits.append)
+    answer = Answer(200, b"[]", {"Connection": "close"})
+    with Scripted([answer]) as server:
+        client = Client(server.url)
+        assert client.models() == []
+    with client, pytest.raises(ServerError, match="no server answers at"):
+        client.models()
+    assert waits == [0.5, 1.0, 2.0, 4.0, 8.0, 8.0]
 
 
 def test_the_loopback_is_asked_past_every_proxy(scripted: Servers, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -151,6 +151,8 @@ def test_a_decision(rested: RemoteSession) -> None:
     best = found.views[0]
     assert best.pose.shape == (7,) and best.expected_std_xyz["drawer3"].shape == (3,) and best.worthwhile
     assert np.linalg.norm(best.pose[3:]) == pytest.approx(1)
+    older = rested.decision("drawer3", views=[POSE], iteration=1)
+    assert (older.iteration, older.action) == (1, "look") and "iteration 1 is of the search" in older.reason
 
 
 def test_a_planners_own_views_are_ranked(served: Served, rested: RemoteSession) -> None:

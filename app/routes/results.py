@@ -8,6 +8,7 @@ from contextlib import nullcontext
 from typing import Annotated, Literal
 
 import anyio.to_thread
+import numpy as np
 from fastapi import APIRouter, Query, Request, Response
 
 from app import schemas_results as schemas
@@ -122,7 +123,7 @@ def _draws(session: Source, snapshot: Snapshot, link: str, form: Format) -> Resp
     "/posterior",
     response_class=Response,
     summary="What the scan leaves open, number by number",
-    responses=answer("The draws.", model=schemas.PosteriorCoordinates)
+    responses=answer("The draws.", model=schemas.PosteriorCoordinates, content=FILES)
     | responses(409, status_404="The session, a link or the iteration is not here, or it is of the search."),
 )
 async def get_posterior_coordinates(
@@ -133,13 +134,21 @@ async def get_posterior_coordinates(
         str | None,
         Query(description="names of links, separated by commas; default: the joints alone", examples=["drawer2"]),
     ] = None,
+    form: Annotated[
+        Literal["json", "npz"],
+        Query(
+            alias="format",
+            description="json; npz with the arrays `particles` (K, L, 7), poses x y z qw qx qy qz of `links`, all "
+            "where none are named, `joint_positions` (K, D) of `joints`, `log_weights` and `mode` (K,)",
+        ),
+    ] = "json",
 ) -> Response:
     """Positions of the joints, and where the asked links are and how they are turned, in every draw of the posterior:
     what to set against each other, to see what the scan ties together."""
     asked = [] if links is None else list(dict.fromkeys(links.split(",")))
     session, snapshot = await told(request, session_id, iteration, asked)
     async with short_turn(request):
-        return await anyio.to_thread.run_sync(_coordinates, session, snapshot, asked)
+        return await anyio.to_thread.run_sync(_coordinates if form == "json" else _all_draws, session, snapshot, asked)
 
 
 def _coordinates(session: Source, snapshot: Snapshot, asked: list[str]) -> Response:
@@ -154,6 +163,19 @@ def _coordinates(session: Source, snapshot: Snapshot, asked: list[str]) -> Respo
         "coordinates": [vars(one) | {"values": one.values.tolist()} for one in found],
     }
     return Response(json_bytes(members), media_type="application/json")
+
+
+def _all_draws(session: Source, snapshot: Snapshot, asked: list[str]) -> Response:
+    posterior, model = _posterior_of(snapshot), snapshot.problem.mrf.model
+    links = asked or [*model.links]
+    poses_world_link = posterior.link_poses(model)[:, [model.links.index(link) for link in links]]
+    members = members_of(session, snapshot) | {
+        "posterior_iteration": posterior.iteration,
+        "links": links,
+        "joints": np.array(model.coordinate_names, dtype=str),
+    }
+    columns = {"joint_positions": posterior.drawn_joints, "log_weights": posterior.log_weights, "mode": posterior.mode}
+    return file_of(f"{snapshot.iteration}-posterior", written(members, poses_world_link, columns, "npz"), "npz")
 
 
 def _posterior_of(snapshot: Snapshot) -> Posterior:

@@ -66,13 +66,13 @@ class PosteriorDraws(WeightedPoses):
 
 def belief(npz: bytes) -> Belief:
     """Raises KeyError, ValueError or zipfile.BadZipFile where the file holds none, as all of these."""
-    found = _loaded(npz)
+    found = loaded(npz)
     return Belief(**_common(found), part=str(found["part"]), log_unary=found["log_unary"])
 
 
 def message(npz: bytes) -> Message:
     """Likewise."""
-    found = _loaded(npz)
+    found = loaded(npz)
     return Message(
         **_common(found),
         sender=str(found["from"]),
@@ -84,11 +84,12 @@ def message(npz: bytes) -> Message:
 
 def posterior_draws(npz: bytes) -> PosteriorDraws:
     """Likewise."""
-    found = _loaded(npz)
+    found = loaded(npz)
     return PosteriorDraws(**_common(found), posterior_iteration=int(found["posterior_iteration"]), mode=found["mode"])
 
 
-def _loaded(npz: bytes) -> dict[str, NDArray[Any]]:
+def loaded(npz: bytes) -> dict[str, NDArray[Any]]:
+    """The arrays in the file, by name; likewise."""
     with np.load(io.BytesIO(npz), allow_pickle=False) as file:
         return {name: file[name] for name in file.files}
 

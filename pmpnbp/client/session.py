@@ -24,7 +24,7 @@ from pmpnbp.client.event_stream import Event
 from pmpnbp.client.particles import Belief, Message, PosteriorDraws
 from pmpnbp.client.uploads import Members, ScanSource, known_id, prior_members, upload_scan
 from pmpnbp.errors import EstimateError, PmpnbpError, ServerError, StorageError
-from pmpnbp.library.estimate import Estimate
+from pmpnbp.library.estimate import NOTHING_TO_DRAW_FROM, Estimate
 from pmpnbp.scene.region import Region
 
 Goal = Literal["iterations", "converged", "certain"]
@@ -331,5 +331,14 @@ class _Iteration:
         self.session.show()
 
     def to_arviz(self, draws: int) -> Any:
-        """Raises EstimateError: a server gives the draws of one link at a time."""
-        raise EstimateError("a server gives draws link by link; ask the session's `posterior(link)` for them")
+        """As `Estimate.to_arviz`; the server reads the iteration's posterior out where it has not."""
+        from pmpnbp.client import draws as drawn  # brings what only this needs
+        from pmpnbp.readout.arviz_export import load_arviz
+
+        load_arviz()
+        found = self.session.estimate(self.iteration, posterior=True)
+        if found.fit is None:
+            raise EstimateError(NOTHING_TO_DRAW_FROM)
+        return self.session._npz(
+            "a posterior", lambda npz: drawn.to_inference_data(found, npz, draws), "posterior", iteration=self.iteration
+        )

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pmpnbp.errors import EstimateError
+from pmpnbp.library.estimate import NOTHING_TO_DRAW_FROM
 from pmpnbp.pictures.pictures import Pictures
 from pmpnbp.readout.snapshot import Snapshot
 from pmpnbp.scene.observation import Scan
@@ -40,7 +41,7 @@ class Drawing:
 
         problem, posterior = self.snapshot.problem, self.snapshot.placed.posterior
         if posterior is None:
-            raise EstimateError("during the search there is no posterior, and nothing to draw from")
+            raise EstimateError(NOTHING_TO_DRAW_FROM)
         of_run = {"method": problem.method, "seed": problem.seed, "frame_id": problem.observation.frame_id}
         return to_inference_data(problem.mrf.model, posterior, draws=draws, seed=problem.seed, attributes=of_run)
 

@@ -35,6 +35,8 @@ Array = NDArray[np.float64]
 
 # Of the picture in a notebook, pixels.
 PICTURE_WIDTH = 480
+# Why there are no draws of an iteration.
+NOTHING_TO_DRAW_FROM = "during the search there is no posterior, and nothing to draw from"
 # Joints that a summary names.
 SUMMED_UP = 6
 

@@ -94,8 +94,7 @@ class Posterior:
 
     def even_draws(self, count: int) -> NDArray[np.int64]:
         """(count,) numbers of draws, each as often as it weighs: systematic resampling without a random offset."""
-        below = np.cumsum(np.exp(self.log_weights))
-        return np.searchsorted(below / below[-1], (np.arange(count) + 0.5) / count)
+        return even_draws(self.log_weights, count)
 
     def denied(self, model: ArticulatedObject) -> list[int]:
         """Numbers of the parts that are not to be believed where they were found."""
@@ -105,6 +104,12 @@ class Posterior:
     def told(self) -> bool:
         """Whether it can be built on: what should be seen is seen, and enough draws count."""
         return self.fit.verdict == "good" and self.effective_sample_size >= FEWEST_DRAWS
+
+
+def even_draws(log_weights: Array, count: int) -> NDArray[np.int64]:
+    """As `Posterior.even_draws`, of draws with the weights (K,)."""
+    below = np.cumsum(np.exp(log_weights))
+    return np.searchsorted(below / below[-1], (np.arange(count) + 0.5) / count)
 
 
 @dataclass(frozen=True, kw_only=True)

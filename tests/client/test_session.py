@@ -16,7 +16,8 @@ from PIL import Image
 from pmpnbp.client.client import Client
 from pmpnbp.client.decisions import Sight, View
 from pmpnbp.client.session import RemoteSession
-from pmpnbp.errors import PmpnbpError, RecordingError, ServerError, StorageError
+from pmpnbp.errors import EstimateError, PmpnbpError, RecordingError, ServerError, StorageError
+from pmpnbp.library.playback import open_recording
 from tests.app import small_sessions as small
 from tests.app.test_names_in_paths import session as session_of_names
 from tests.client.failing_servers import Scripted, refused, told
@@ -210,6 +211,32 @@ def test_draws_of_the_posterior(served: Served, rested: RemoteSession) -> None:
     assert found.particles.shape == (*found.mode.shape, 7) and found.mode.dtype == np.int64
     with pytest.raises(ServerError, match="has no posterior"):
         rested.posterior("drawer2", 1)
+
+
+def test_draws_for_arviz_are_those_of_the_recording(rested: RemoteSession, tmp_path: Path) -> None:
+    with open_recording(rested.recording(tmp_path / "r.sqlite")) as recording:
+        expected = recording.estimate().to_arviz(50)
+    found = rested.estimate().to_arviz(50)
+    assert list(found.posterior.joint.values) == ["slide1", "slide2", "slide3"]
+    for group in ("posterior", "sample_stats"):
+        for name, values in expected[group].items():
+            np.testing.assert_array_equal(found[group][name].values, values.values)
+            assert found[group][name].dims == values.dims
+        for name, value in expected[group].attrs.items():
+            if name != "created_at":
+                np.testing.assert_array_equal(found[group].attrs[name], value)
+    with pytest.raises(EstimateError, match="during the search there is no posterior, and nothing to draw from"):
+        rested.estimate(1).to_arviz()
+
+
+def test_draws_of_some_links(served: Served, rested: RemoteSession) -> None:
+    path = f"/api/v1/sessions/{rested.id}/posterior?format=npz"
+    content = served.client.get(f"{path}&links=drawer2,frame").content
+    with np.load(io.BytesIO(content)) as file:
+        assert file["links"].tolist() == ["drawer2", "frame"]
+        np.testing.assert_array_equal(file["particles"][:, 0], rested.posterior("drawer2").particles)
+        assert file["joint_positions"].shape == (len(file["log_weights"]), len(file["joints"]))
+    small.problem(served.client.get(f"{path}&links=wing"), 404, "link 'wing' is not in the model")
 
 
 @pytest.mark.parametrize("name", ["robot/drawer1", "100%2F", "a?b#c", "Schublade ü/抽屉", "robot/../marginals", "a, b"])

@@ -78,6 +78,7 @@ class Failure(Exception):
     again : whether a further one may come to something; wait : after so many seconds, where the server says
     broke : whether the call was sent, and nobody knows what became of it
     at_work : whether an attempt before is still at work
+    silent : whether it took all the time that the server has to say something
     """
 
     def __init__(
@@ -88,6 +89,7 @@ class Failure(Exception):
         wait: float | None = None,
         broke: bool = False,
         at_work: bool = False,
+        silent: bool = False,
     ) -> None:
         super().__init__(str(error))
         self.error = error
@@ -95,6 +97,7 @@ class Failure(Exception):
         self.wait = wait
         self.broke = broke
         self.at_work = at_work
+        self.silent = silent
 
 
 class Calls:
@@ -155,9 +158,8 @@ class Calls:
         headers, content = dict(call.headers), None
         if call.json is not None:
             headers["Content-Type"], content = "application/json", json_text(call.json).encode()
-        seconds = httpx.Timeout(
-            self._timeout, connect=min(self._timeout, CONNECT_SECONDS), read=max(call.read_seconds, self._timeout)
-        )
+        read_seconds = max(call.read_seconds, self._timeout)
+        seconds = httpx.Timeout(self._timeout, connect=min(self._timeout, CONNECT_SECONDS), read=read_seconds)
         try:
             with (
                 _opened(call.files) as files,
@@ -178,11 +180,13 @@ class Calls:
                     raise self._refusal(response)
                 yield response
         except httpx.RequestError as error:
-            raise self._silence(error, call) from None
+            raise self._no_answer(error, call, read_seconds) from None
 
     def _patience(self, failure: Failure) -> int:
         """How often a call is made again that failed so. An address that nobody has answered at yet is rather a wrong
-        one than that of a server which starts anew."""
+        one than that of a server which starts anew; a new connection may reach one that has become silent."""
+        if failure.silent:
+            return min(self.retries, 1)
         nobody = not self._answered and not failure.broke and failure.error.status is None
         return self.retries // 2 if nobody else self.retries
 
@@ -199,13 +203,19 @@ class Calls:
         again = again and (seconds or 0.0) <= LONGEST_RETRY_AFTER
         return Failure(ServerError(detail, status), again=again, wait=seconds, at_work=again and status == 409)
 
-    def _silence(self, error: httpx.RequestError, call: Call) -> Failure:
+    def _no_answer(self, error: httpx.RequestError, call: Call, read_seconds: float) -> Failure:
         why = str(error) or type(error).__name__
         if isinstance(error, _NEVER_SENT):
             return Failure(ServerError(f"no server answers at {self.address} ({why})"), again=True)
+        silent = isinstance(error, httpx.TimeoutException)
+        what = (
+            f"says nothing for {read_seconds:g} s"
+            if isinstance(error, httpx.ReadTimeout)
+            else f"broke off the call ({why})"
+        )
         unknown = "; whether it was done is not known" if call.has_key else ""
-        error_told = ServerError(f"the server at {self.address} broke off a call ({why}){unknown}")
-        return Failure(error_told, again=True, broke=True)
+        told = ServerError(f"the server at {self.address} {what}{unknown}")
+        return Failure(told, again=True, broke=True, silent=silent)
 
 
 def path_of(*steps: str) -> str:

@@ -86,7 +86,7 @@ def test_a_command_that_nobody_answers_may_have_been_done(scripted: Servers, at_
     server = scripted(told(SESSION), LOST, LOST)
     with (
         Client(server.url, retries=1) as client,
-        pytest.raises(ServerError, match=r"broke off a call \(.*\); whether it was done is not known$") as caught,
+        pytest.raises(ServerError, match=r"broke off the call \(.*\); whether it was done is not known$") as caught,
     ):
         opened(client).step()
     assert server.url in str(caught.value) and caught.value.status is None and len(server.requests) == 3
@@ -206,6 +206,16 @@ def test_no_server_is_told_with_its_address(scripted: Servers, monkeypatch: pyte
     with Client(address) as client, pytest.raises(ServerError, match=f"^no server answers at {address} \\(") as caught:
         client.models()
     assert caught.value.status is None and waits == [0.5, 1.0, 2.0]
+
+
+def test_a_server_that_is_silent_is_asked_once_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    waits: list[float] = []
+    monkeypatch.setattr(calls.time, "sleep", waits.append)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        address = f"http://127.0.0.1:{listener.getsockname()[1]}"
+        with Client(address, timeout=0.25) as client, pytest.raises(ServerError) as caught:
+            client.models()
+    assert str(caught.value) == f"the server at {address} says nothing for 0.25 s" and waits == [0.5]
 
 
 def test_a_server_that_was_there_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:

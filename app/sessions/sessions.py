@@ -83,7 +83,7 @@ class Sessions:
             if len(self._sessions) + self._coming >= self._config.max_sessions:
                 raise HttpProblem(
                     429,
-                    f"{_there(len(self._sessions))}, the most that are kept (max_sessions); delete one first",
+                    f"{_there(len(self._sessions))}, which is the most that is kept (max_sessions); delete one first",
                     headers={"Retry-After": "60"},
                 )
             self._coming += 1

@@ -267,7 +267,7 @@ def test_no_more_sessions_than_the_limit(serve: Callable[..., Any]) -> None:
     model_id, scan_id = small.upload_model(client), small.upload_scan(client)
     paths = [small.create(client, model_id=model_id, scan_id=scan_id) for _ in range(2)]
     answer = client.post("/api/v1/sessions", json=small.body(model_id, scan_id))
-    problem(answer, 429, "there are 2 sessions, the most that are kept")
+    problem(answer, 429, "there are 2 sessions, which is the most that is kept (max_sessions)")
     assert "retry-after" in answer.headers
     client.delete(paths[0])
     small.create(client, model_id=model_id, scan_id=scan_id)

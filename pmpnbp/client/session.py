@@ -57,7 +57,7 @@ class RemoteSession:
     @staticmethod
     def of_recording(calls: Calls, members: Mapping[str, Any]) -> RemoteSession:
         """An uploaded recording, of what the server lists of it."""
-        id, name = members["id"], Path(members["file_name"]).stem
+        id, name = members["id"], members["name"] or Path(members["file_name"]).stem
         return RemoteSession(calls, {"id": id, "name": name, "view_url": f"/sessions/{id}/", "kind": "recording"})
 
     def __repr__(self) -> str:
@@ -116,10 +116,11 @@ class RemoteSession:
 
     def rename(self, name: str) -> dict[str, Any]:
         """Call it by another name, of 1 to 200 characters, at once. Gives what `status` does."""
-        told = self._told("PATCH", json={"name": name})
+        self._calls.answer(Call(method="PATCH", path=path_of(self._kind, self.id), json={"name": name}).keyed())
+        told = self.status()
         with understood("a session"):
             self.name = told["name"]
-        return cast(dict[str, Any], told)
+        return told
 
     def tag(self, *tags: str) -> dict[str, Any]:
         """These are all the tags that it has from now on: words that it is found by, up to 20 of 1 to 40 characters,

@@ -268,6 +268,7 @@ def test_a_recording_comes_whole_or_not_at_all(
     assert refusal.value.status == 409
     (listed,) = client.recordings()
     assert (listed.id, listed.name, listed.url) == (kept.id, kept.name, kept.url)
+    assert listed.rename("top drawer")["name"] == listed.name == client.recordings()[0].name == "top drawer"
     listed.delete()
     assert client.recordings() == []
     with pytest.raises(RecordingError, match=r"recording 'none\.sqlite' cannot be read: No such file"):

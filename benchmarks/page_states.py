@@ -33,7 +33,7 @@ SETTLE = 3500
 
 @dataclass(frozen=True)
 class State:
-    """name; path : of its page; act : what is done there, before the picture"""
+    """name; path : of its page, or the address of a file; act : what is done there, before the picture"""
 
     name: str
     path: str
@@ -58,8 +58,15 @@ def sessions(client: httpx.Client) -> dict[str, str]:
     return found
 
 
-def states(ids: dict[str, str]) -> Iterator[State]:
-    """All, of pages whose server has those sessions."""
+def exported(client: httpx.Client, session: str, folder: Path) -> str:
+    """The address of the session's 3D view as a file."""
+    file = folder / "scene.html"
+    file.write_bytes(client.get(f"/sessions/{session}/views/export/scene.html").raise_for_status().content)
+    return file.as_uri()
+
+
+def states(ids: dict[str, str], scene: str) -> Iterator[State]:
+    """All, of pages whose server has those sessions. scene : address of an exported one"""
     rest, new = f"/sessions/{ids['rest']}/", f"/sessions/{ids['new']}/"
     yield State("start", "/")
     yield State("start, advanced", "/", lambda page: page.get_by_text("Advanced:").click())
@@ -78,7 +85,7 @@ def states(ids: dict[str, str]) -> Iterator[State]:
     yield State("help", rest, lambda page: page.locator("#help-open").click())
     yield State("run menu", rest, lambda page: page.locator("#run-open").click())
     yield State("not here", "/sessions/0123456789abcdef/")
-    yield State("exported scene", f"/api/v1{rest}views/export/scene.html")
+    yield State("exported scene", scene)
 
 
 def wrong_file(page: Page) -> None:
@@ -98,7 +105,7 @@ def taken(browser: Browser, url: str, state: State, size: tuple[int, int], schem
     width, height = size
     page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
     try:
-        page.goto(url + state.path)
+        page.goto(state.path if state.path.startswith("file:") else url + state.path)
         page.wait_for_timeout(SETTLE)
         state.act(page)
         page.wait_for_timeout(SETTLE / 2)
@@ -132,7 +139,8 @@ def main(folder: Path, only: str | None) -> None:
         server = server_process.start(Path(data)).ready()
         try:
             with launched() as browser, httpx.Client(base_url=f"{server.url}/api/v1", timeout=120.0) as client:
-                for state in states(sessions(client)):
+                ids = sessions(client)
+                for state in states(ids, exported(client, ids["rest"], Path(data))):
                     if only is not None and not state.name.startswith(only):
                         continue
                     pictures = []

@@ -27,7 +27,7 @@ from pmpnbp.scene.observe import common_frame, has_pose, presumed_up, scene_poin
 from pmpnbp.scene.region import Region
 from pmpnbp.scene.shape_fit import Shapes, best_fit, shapes
 from pmpnbp.scene.sizes_over_joints import reaches, sides, sides_over_joints, united
-from pmpnbp.scene.support_planes import LEAST_BREADTH, ScenePoints, find_support_planes, level_tops
+from pmpnbp.scene.support_planes import ALIGNED, LEAST_BREADTH, ScenePoints, find_support_planes, level_tops
 from pmpnbp.scene.support_planes import LEAST_LENGTH as LEAST_LENGTH_OF_TOP
 
 MOST_REGIONS = 6
@@ -35,6 +35,8 @@ MOST_REGIONS = 6
 # is seen take the lowest and the outermost of a thing's points away; a joint need not have room to move, as the region
 # is only to hold what was measured.
 MARGIN = 0.1
+# Metres above what carries them in which things may touch each other; no more than the margin.
+FEET = 0.1
 # Metres: of the points in one such cube one is taken.
 GRAIN = 0.012
 # Metres between neighbours of one cluster, and in tolerances of a plane, which grow with the distance; at most so many.
@@ -58,7 +60,7 @@ MOST_FITTED, SAME = 16, 0.9
 # What a fit costs against the logarithms of sizes; off by so much of a thing's length is as bad as seen through.
 FIT, OFF = 0.7, 0.1
 # A fit is good enough to tell where hidden parts are below this.
-GOOD = 0.35
+GOOD = 0.5
 # Of two proposals that share more than this of the points of either the better one stays.
 SHARED = 0.5
 # A thing so unlike the model is not proposed beside more likely ones.
@@ -120,11 +122,21 @@ def _segmentations(
     every = find_support_planes(scene, presumed_up(scans, None), up_is_known=has_pose(scans), least_object=0.0)
     found: list[NDArray[np.bool_]] = []
     for rest in (free, _off(scene, every)):
-        for on_top in (*_on_tops(scene, upright, rest, up), np.zeros(len(rest), dtype=bool)):
-            chosen = rest & ~on_top
+        level, large = _on_tops(scene, upright, rest, up)
+        for chosen in (rest & ~level, rest & ~large, rest, rest & _above_feet(scene, rest, every, up)):
             if not any(np.array_equal(chosen, other) for other in found):
                 found.append(chosen)
     return found
+
+
+def _above_feet(scene: ScenePoints, free: NDArray[np.bool_], planes: Array, up: Array) -> NDArray[np.bool_]:
+    """(P,): which points are not just above a floor or a level top: things that touch there stand apart higher up, and
+    a box's margin holds their feet all the same."""
+    above = np.ones(len(free), dtype=bool)
+    for plane in (*planes[planes[:, :3] @ up > ALIGNED], *level_tops(scene, free, up)):
+        height = scene.points @ plane[:3] + plane[3]
+        above &= (height < -scene.tolerances) | (height > FEET)
+    return above
 
 
 def _fitted(

@@ -24,7 +24,7 @@ from pmpnbp.scene.surface_points import area, even_points
 # Points on the model's surface, and on each part at least.
 SURFACE_POINTS, LEAST_POINTS = 1500, 20
 # Joint configurations that are tried, and level turns of each; of all these so many are followed.
-TRIED, TURNS, FOLLOWED = 48, 16, 16
+TRIED, TURNS, FOLLOWED = 48, 16, 12
 # Points of the thing and of the surface that are looked at when all are tried, and when some are followed.
 FEW, MANY = (32, 60), (80, 240)
 # Times that one which is followed is shifted and turned to the nearest points.
@@ -89,9 +89,11 @@ def best_fit(own: Array, model: Shapes, likest: NDArray[np.int64], scans: Sequen
     few = _evenly(own, FEW[0])
     for number in likest[:TRIED]:
         shift = np.tile(middle, (TURNS, 1))
-        off, nearest = _nearest(few, model, number, angles, shift)
-        shift = shift + (few - shift[:, None] - _turned(nearest, angles)).mean(axis=1)
-        off, _ = _nearest(few, model, number, angles, shift)
+        _, nearest = _nearest(few, model, number, angles, shift)
+        apart = few - shift[:, None] - _turned(nearest, angles)
+        step = apart.mean(axis=1, keepdims=True)
+        shift = shift + step[:, 0]
+        off = np.minimum(np.linalg.norm(apart - step, axis=-1), FARTHEST)
         surface = _turned(_evenly(model.points[number], FEW[1]), angles) + shift[:, None]
         through = _seen_through(poses.rotate(to_world, surface), scans)
         tried += [

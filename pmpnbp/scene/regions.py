@@ -3,7 +3,8 @@
 What is left of a thinned scan without its support planes falls into clusters of near neighbours. A table is not told
 from a wide low object by its looks, so both are tried: the clusters with what carries them, and those without the level
 tops. One thing may be several clusters, as an open drawer hides what joins it to its chest; where the model is known,
-neighbours are put together as long as that makes them more like the model in one of its joint configurations.
+neighbours are put together as long as that makes them more like the model in one of its joint configurations. Things of
+like size are told apart by laying the model on them (`shape_fit`); where that fits, the box holds what is hidden, too.
 
 Nothing here is certain: the boxes are proposals that a person chooses from.
 """
@@ -57,14 +58,16 @@ FREE = 0.1
 NOT_UPRIGHT = 0.3
 # Things that the model is fitted to at most; of two that share more than SAME of the larger's points one will do.
 MOST_FITTED, SAME = 16, 0.9
-# What a fit costs against the logarithms of sizes; off by so much of a thing's length is as bad as seen through.
-FIT, OFF = 0.7, 0.1
+# What a fit's cost counts, beside the logarithms of sizes.
+FIT = 0.7
 # A fit is good enough to tell where hidden parts are below this.
 GOOD = 0.5
 # Of two proposals that share more than this of the points of either the better one stays.
 SHARED = 0.5
 # A thing so unlike the model is not proposed beside more likely ones.
 UNLIKELY = 1.5
+# Sine of the angle between the camera's axis and the vertical below which the one says nothing across the other.
+LEAST_ACROSS = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,10 +87,11 @@ def propose_regions(scans: Sequence[Scan], model: ArticulatedObject | None = Non
     Raises ScanError where there is no scan, or the scans' world frames differ.
     """
     common_frame(scans)
-    scene = _thinned(scene_points(scans))
+    to_camera = poses.inverse(scans[0].camera.pose_world_camera)
+    scene = _thinned(scene_points(scans), to_camera)
     planes = find_support_planes(scene, presumed_up(scans, None), up_is_known=has_pose(scans))
     up = up_direction(scans, planes, None)
-    to_upright = _to_upright(up)
+    to_upright = _to_upright(up, scans[0].camera.pose_world_camera)
     upright = poses.rotate(to_upright, scene.points)
     free = _off(scene, planes)
     if model is None:
@@ -158,12 +162,10 @@ def _fitted(
         if any(_shared(own, other, of_larger=True) > SAME for other in tried):
             continue
         tried.append(own)
-        sizes = np.maximum(sides(reaches(upright[own])), 1e-3)
-        likest = np.argsort(_difference(sizes, likeness), kind="stable")
+        likest = np.argsort(_difference(np.maximum(sides(reaches(upright[own])), 1e-3), likeness), kind="stable")
         fit = best_fit(upright[own], model, likest, scans, to_world)
-        wrong = fit.through + fit.off / (OFF * np.linalg.norm(sizes))
-        fitted = fit.surface if wrong < GOOD else np.zeros((0, 3))
-        things.append(_Thing(own=own, cost=cost + FIT * wrong, fitted=fitted))
+        hidden = fit.surface if fit.cost < GOOD else np.zeros((0, 3))
+        things.append(_Thing(own=own, cost=cost + FIT * fit.cost, fitted=hidden))
     return sorted(things, key=lambda thing: thing.cost)
 
 
@@ -195,9 +197,11 @@ def _on_tops(
     return level, large
 
 
-def _thinned(scene: ScenePoints) -> ScenePoints:
-    """One point of each GRAIN: what is near to the camera has many more than clusters need."""
-    _, kept = np.unique(np.floor(scene.points / GRAIN).astype(np.int64), axis=0, return_index=True)
+def _thinned(scene: ScenePoints, to_camera: Array) -> ScenePoints:
+    """One point of each GRAIN: what is near to the camera has many more than clusters need. The grains are the
+    camera's, so that the same are taken however the world's axes lie."""
+    grains = np.floor(poses.transform_points(to_camera, scene.points) / GRAIN).astype(np.int64)
+    _, kept = np.unique(grains, axis=0, return_index=True)
     kept.sort()
     return replace(
         scene,
@@ -209,13 +213,17 @@ def _thinned(scene: ScenePoints) -> ScenePoints:
     )
 
 
-def _to_upright(up: Array) -> Array:
-    """(4,): the turn to a frame whose z axis is `up`."""
-    axis = np.cross(up, [0.0, 0.0, 1.0])
-    angle = np.arctan2(np.linalg.norm(axis), up[2])
-    if np.linalg.norm(axis) < 1e-9:
-        axis = np.array([1.0, 0.0, 0.0])
-    return poses.from_rotation_vector(angle * axis / np.linalg.norm(axis))
+def _to_upright(up: Array, pose_world_camera: Array) -> Array:
+    """(4,): the turn from world to a frame whose z axis is `up` (3,), and whose y axis is level and lies across the
+    camera's view, so that the frame is the same to the scene however the world's axes lie."""
+    axes = poses.to_matrix(pose_world_camera)[:3, :3]
+    across = np.cross(up, axes[:, 2])
+    if np.linalg.norm(across) < LEAST_ACROSS:  # it looks straight down
+        across = np.cross(up, axes[:, 1])
+    y = across / np.linalg.norm(across)
+    turn = np.eye(4)
+    turn[:3, :3] = np.stack([np.cross(y, up), y, up])
+    return poses.from_matrix(turn)[3:]
 
 
 def _clusters(points: Array, tolerances: Array, chosen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:

@@ -18,7 +18,7 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.observation import Scan
-from pmpnbp.scene.sizes_over_joints import configurations
+from pmpnbp.scene.sizes_over_joints import configurations, reaches, sides
 from pmpnbp.scene.surface_points import area, even_points
 
 # Points on the model's surface, and on each part at least.
@@ -33,7 +33,7 @@ ROUNDS = 4
 FARTHEST = 0.1
 # Metres that surface lies before what was measured where that is seen through: more than a coarse fit is off.
 BEFORE = 0.05
-# Metres off that cost as much as all of the surface seen through.
+# Share of a thing's length that its points are off which costs as much as all of the surface seen through.
 AS_BAD = 0.1
 
 
@@ -48,19 +48,13 @@ class Shapes:
     trees: tuple[cKDTree, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Fit:
-    """The model laid on a thing. off : metres, what was measured of the thing from its surface, mean, each at most
-    FARTHEST; through : share of its surface that is seen through; surface : (P, 3) metres, upright"""
+    """The model laid on a thing. cost : by how much that is wrong: the share of its surface that is seen through, and
+    1 more where the thing's points are AS_BAD of its length off in the mean; surface : (P, 3) metres, upright"""
 
-    off: float
-    through: float
+    cost: float
     surface: Array
-
-    @property
-    def cost(self) -> float:
-        """By how much it is wrong: 1 where all of the surface is seen through, or the points are AS_BAD off."""
-        return self.through + self.off / AS_BAD
 
 
 def shapes(model: ArticulatedObject) -> Shapes:
@@ -85,6 +79,7 @@ def best_fit(own: Array, model: Shapes, likest: NDArray[np.int64], scans: Sequen
     """
     middle = (own.min(axis=0) + own.max(axis=0)) / 2
     angles = np.arange(TURNS) * 2 * np.pi / TURNS
+    as_bad = AS_BAD * float(np.linalg.norm(sides(reaches(own))))
     tried = []
     few = _evenly(own, FEW[0])
     for number in likest[:TRIED]:
@@ -97,16 +92,23 @@ def best_fit(own: Array, model: Shapes, likest: NDArray[np.int64], scans: Sequen
         surface = _turned(_evenly(model.points[number], FEW[1]), angles) + shift[:, None]
         through = _seen_through(poses.rotate(to_world, surface), scans)
         tried += [
-            (float(through[k] + off[k].mean() / AS_BAD), int(number), angles[k : k + 1], shift[k : k + 1])
+            (float(through[k] + off[k].mean() / as_bad), int(number), angles[k : k + 1], shift[k : k + 1])
             for k in range(TURNS)
         ]
     tried.sort(key=lambda one: one[0])
-    found = [_followed(_evenly(own, MANY[0]), model, *one[1:], scans, to_world) for one in tried[:FOLLOWED]]
+    found = [_followed(_evenly(own, MANY[0]), model, *one[1:], as_bad, scans, to_world) for one in tried[:FOLLOWED]]
     return min(found, key=lambda fit: fit.cost)
 
 
 def _followed(
-    own: Array, model: Shapes, number: int, angle: Array, shift: Array, scans: Sequence[Scan], to_world: Array
+    own: Array,
+    model: Shapes,
+    number: int,
+    angle: Array,
+    shift: Array,
+    as_bad: float,
+    scans: Sequence[Scan],
+    to_world: Array,
 ) -> Fit:
     """The fit that configuration `number`, turned by `angle` (1,) and shifted by `shift` (1, 3), comes to."""
     for _ in range(ROUNDS):
@@ -121,7 +123,7 @@ def _followed(
     off, _ = _nearest(own, model, number, angle, shift)
     surface = _turned(model.points[number], angle)[0] + shift
     through = _seen_through(poses.rotate(to_world, _evenly(surface, MANY[1])), scans)
-    return Fit(off=float(off.mean()), through=float(through), surface=surface)
+    return Fit(float(through + off.mean() / as_bad), surface)
 
 
 def _nearest(own: Array, model: Shapes, number: int, angles: Array, shifts: Array) -> tuple[Array, Array]:
@@ -139,7 +141,8 @@ def _turned(points: Array, angles: Array) -> Array:
     """(A, P, 3): `points` (P, 3) or (A, P, 3) turned about the z axis by `angles` (A,)."""
     cosine, sine = np.cos(angles)[:, None], np.sin(angles)[:, None]
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
-    return np.stack([cosine * x - sine * y, sine * x + cosine * y, np.broadcast_to(z, cosine.shape[:1] + z.shape[-1:])], -1)
+    z = np.broadcast_to(z, (len(angles), z.shape[-1]))
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y, z], axis=-1)
 
 
 def _seen_through(points: Array, scans: Sequence[Scan]) -> Array:

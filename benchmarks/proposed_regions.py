@@ -154,7 +154,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="regions-") as parent:
         for scene in scenes(Path(parent), options.families, range(*options.seeds), not options.without_pose):
             found.append(outcome(scene))
-            shares = " ".join(f"{held:.3f}/{seen:.3f}" for held, seen in zip(found[-1].held, found[-1].seen, strict=True))
+            shares = " ".join(
+                f"{held:.3f}/{seen:.3f}" for held, seen in zip(found[-1].held, found[-1].seen, strict=True)
+            )
             progress(f"{scene.name}: {shares}")
     print(report(found))
 

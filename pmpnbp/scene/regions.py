@@ -36,8 +36,8 @@ MOST_REGIONS = 6
 # is seen take the lowest and the outermost of a thing's points away; a joint need not have room to move, as the region
 # is only to hold what was measured.
 MARGIN = 0.1
-# Metres above what carries them in which things may touch each other; no more than the margin.
-FEET = 0.1
+# Metres above what carries them in which things may touch each other; less than the margin, which holds it again.
+FEET = 0.07
 # Metres: of the points in one such cube one is taken.
 GRAIN = 0.012
 # Metres between neighbours of one cluster, and in tolerances of a plane, which grow with the distance; at most so many.

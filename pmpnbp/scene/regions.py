@@ -36,8 +36,10 @@ MOST_REGIONS = 6
 # is seen take the lowest and the outermost of a thing's points away; a joint need not have room to move, as the region
 # is only to hold what was measured.
 MARGIN = 0.1
-# Metres above what carries them in which things may touch each other; less than the margin, which holds it again.
+# Metres above what carries them in which things may touch each other.
 FEET = 0.07
+# Metres that a box is larger than the fitted model: less than about points, as a wide box takes in other things.
+FIT_MARGIN = 0.03
 # Metres: of the points in one such cube one is taken.
 GRAIN = 0.012
 # Metres between neighbours of one cluster, and in tolerances of a plane, which grow with the distance; at most so many.
@@ -73,11 +75,12 @@ LEAST_ACROSS = 0.02
 @dataclass(frozen=True, kw_only=True)
 class _Thing:
     """own : (P,) indices of its points; cost : by how much it is unlike the model; fitted : (F, 3) metres, upright,
-    where the model's surface may be, empty without a good fit"""
+    where the model's surface may be, empty without a good fit; on_feet : False where its feet are none of its points"""
 
     own: NDArray[np.int64]
     cost: float
     fitted: Array
+    on_feet: bool
 
 
 def propose_regions(scans: Sequence[Scan], model: ArticulatedObject | None = None) -> list[Region]:
@@ -97,12 +100,13 @@ def propose_regions(scans: Sequence[Scan], model: ArticulatedObject | None = Non
     if model is None:
         level, _ = _on_tops(scene, upright, free, up)
         clusters = _clusters(upright, scene.tolerances, free & ~level)
-        things = [_Thing(own=np.sort(one), cost=0.0, fitted=np.zeros((0, 3))) for one in clusters]
+        things = [_Thing(own=np.sort(one), cost=0.0, fitted=np.zeros((0, 3)), on_feet=True) for one in clusters]
     else:
         likeness = sides_over_joints(model)
-        groups: dict[frozenset[int], float] = {}
-        for chosen in _segmentations(scene, scans, upright, free, up):
-            groups |= _put_together(upright, _clusters(upright, scene.tolerances, chosen), likeness)
+        groups: dict[frozenset[int], tuple[float, bool]] = {}
+        for chosen, on_feet in _segmentations(scene, scans, upright, free, up):
+            found = _put_together(upright, _clusters(upright, scene.tolerances, chosen), likeness)
+            groups |= {members: (cost, on_feet) for members, cost in found.items()}
         to_world = poses.quaternion_conjugate(to_upright)
         things = _fitted(upright, groups, likeness, shapes(model), scans, to_world)
     chosen_things: list[_Thing] = []
@@ -119,17 +123,18 @@ def propose_regions(scans: Sequence[Scan], model: ArticulatedObject | None = Non
 
 def _segmentations(
     scene: ScenePoints, scans: Sequence[Scan], upright: Array, free: NDArray[np.bool_], up: Array
-) -> list[NDArray[np.bool_]]:
-    """(P,) each: the points that may be of things, told apart in all the ways that may be right. A wall behind a slim
-    object is nearly all of the scan, so that what `free` leaves may have walls in it; a level top may carry what is
-    looked for, be its own, or be of others at the same height."""
+) -> list[tuple[NDArray[np.bool_], bool]]:
+    """The points (P,) that may be of things, told apart in all the ways that may be right, and whether things have
+    their feet. A wall behind a slim object is nearly all of the scan, so that what `free` leaves may have walls in it;
+    a level top may carry what is looked for, be its own, or be of others at the same height."""
     every = find_support_planes(scene, presumed_up(scans, None), up_is_known=has_pose(scans), least_object=0.0)
-    found: list[NDArray[np.bool_]] = []
+    found: list[tuple[NDArray[np.bool_], bool]] = []
     for rest in (free, _off(scene, every)):
         level, large = _on_tops(scene, upright, rest, up)
-        for chosen in (rest & ~level, rest & ~large, rest, rest & _above_feet(scene, rest, every, up)):
-            if not any(np.array_equal(chosen, other) for other in found):
-                found.append(chosen)
+        above = rest & _above_feet(scene, rest, every, up)
+        for chosen, on_feet in ((rest & ~level, True), (rest & ~large, True), (rest, True), (above, False)):
+            if not any(np.array_equal(chosen, other) for other, _ in found):
+                found.append((chosen, on_feet))
     return found
 
 
@@ -145,19 +150,19 @@ def _above_feet(scene: ScenePoints, free: NDArray[np.bool_], planes: Array, up: 
 
 def _fitted(
     upright: Array,
-    groups: dict[frozenset[int], float],
+    groups: dict[frozenset[int], tuple[float, bool]],
     likeness: Array,
     model: Shapes,
     scans: Sequence[Scan],
     to_world: Array,
 ) -> list[_Thing]:
     """The things of the likest sizes with a cost that says how well the model could stand there, best first."""
-    ordered = sorted(groups.items(), key=lambda item: (item[1], -len(item[0]), min(item[0])))
+    ordered = sorted(groups.items(), key=lambda item: (item[1][0], -len(item[0]), min(item[0])))
     tried: list[NDArray[np.int64]] = []
     things = []
-    for members, cost in ordered:
+    for members, (cost, on_feet) in ordered:
         own = np.array(sorted(members))
-        if len(tried) == MOST_FITTED or cost > ordered[0][1] + UNLIKELY:
+        if len(tried) == MOST_FITTED or cost > ordered[0][1][0] + UNLIKELY:
             break
         if any(_shared(own, other, of_larger=True) > SAME for other in tried):
             continue
@@ -165,7 +170,7 @@ def _fitted(
         likest = np.argsort(_difference(np.maximum(sides(reaches(upright[own])), 1e-3), likeness), kind="stable")
         fit = best_fit(upright[own], model, likest, scans, to_world)
         hidden = fit.surface if fit.cost < GOOD else np.zeros((0, 3))
-        things.append(_Thing(own=own, cost=cost + FIT * fit.cost, fitted=hidden))
+        things.append(_Thing(own=own, cost=cost + FIT * fit.cost, fitted=hidden, on_feet=on_feet))
     return sorted(things, key=lambda thing: thing.cost)
 
 
@@ -285,8 +290,14 @@ def _difference(own: Array, likeness: Array) -> Array:
 
 
 def _region(points: Array, upright: Array, thing: _Thing, to_upright: Array, unlikeness: float | None) -> Region:
-    own = thing.own
-    fitted = poses.rotate(poses.quaternion_conjugate(to_upright), thing.fitted)
-    held = np.concatenate([points[own], fitted])
-    roi = np.concatenate([held.min(axis=0) - MARGIN, held.max(axis=0) + MARGIN])
-    return Region(roi=roi, size=sides(reaches(upright[own])), points=len(own) / len(points), unlikeness=unlikeness)
+    own = upright[thing.own]
+    feet = own if thing.on_feet else own - np.array([0.0, 0.0, FEET])
+    to_world = poses.quaternion_conjugate(to_upright)
+    held = np.concatenate([points[thing.own], poses.rotate(to_world, feet)])
+    low, high = held.min(axis=0) - MARGIN, held.max(axis=0) + MARGIN
+    if len(thing.fitted):
+        fitted = poses.rotate(to_world, thing.fitted)
+        low = np.minimum(low, fitted.min(axis=0) - FIT_MARGIN)
+        high = np.maximum(high, fitted.max(axis=0) + FIT_MARGIN)
+    share = len(thing.own) / len(points)
+    return Region(roi=np.concatenate([low, high]), size=sides(reaches(own)), points=share, unlikeness=unlikeness)

@@ -19,8 +19,8 @@ class ProposedRegion(BaseModel):
     """A thing that stands in the scans."""
 
     roi: list[float] = Field(
-        description="x0 y0 z0 x1 y1 z1, metres in world: the box around its points, and around the model where that fits, "
-        "10 cm larger on every side",
+        description="x0 y0 z0 x1 y1 z1, metres in world: the box around its points, 10 cm larger on every side, and "
+        "around the model where that fits",
         min_length=6,
         max_length=6,
         examples=[[-0.1, -0.2, -0.1, 0.9, 0.7, 0.9]],

@@ -19,21 +19,23 @@ class ProposedRegion(BaseModel):
     """A thing that stands in the scans."""
 
     roi: list[float] = Field(
-        description="x0 y0 z0 x1 y1 z1, metres in world: the box around its points, 10 cm larger on every side",
+        description="x0 y0 z0 x1 y1 z1, metres in world: the box around its points, 10 cm larger on every side, and "
+        "around the model where that fits",
         min_length=6,
         max_length=6,
         examples=[[-0.1, -0.2, -0.1, 0.9, 0.7, 0.9]],
     )
     size: list[float] = Field(
-        description="metres, without the 10 cm: its height, and the longer and the shorter side of its footprint",
+        description="metres, of its points: its height, and the longer and the shorter side of its footprint",
         min_length=3,
         max_length=3,
         examples=[[0.74, 0.69, 0.48]],
     )
     points: float = Field(description="share of the measured points that are its, 0 to 1", examples=[0.3])
     unlikeness: float = Field(
-        description="by how much its size is unlike the model's over its joints' ranges; 0 for not at all",
-        examples=[0.0],
+        description="by how much its size is unlike the model's over its joints' ranges, and the model laid on it is "
+        "off its points or seen through; 0 for not at all",
+        examples=[0.2],
     )
 
 
@@ -48,8 +50,8 @@ class ProposedRegions(BaseModel):
 )
 def get_regions(session_id: SourceId, request: Request) -> Any:
     """The things that stand out of floor, walls and table tops in the session's scans, at most six: boxes for `roi`.
-    They are told by their places and sizes alone, so that a person or a program has to choose. A large thing, or one
-    that touches others, may come in pieces or with its neighbours."""
+    They are told by their places, their sizes and a coarse fit of the model, so that a person or a program has to
+    choose. A large thing, or one that touches others, may come in pieces or with its neighbours."""
     source = sessions_of(request).get(session_id)
     problem = source.archive.read().problem
     # a scan that does not see the present region is in no view; a recording has no ids for its scans

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 class Region:
     """A thing that stands in a scan.
 
-    roi : (6,) x0 y0 z0 x1 y1 z1, metres, world: its points' box and a margin; size : (3,) metres: its height, and the
-    longer and the shorter side of its footprint, without a margin; points : share of the measured points that are its;
-    unlikeness : by how much its sides are unlike the model's, 0 for not at all; None without a model
+    roi : (6,) x0 y0 z0 x1 y1 z1, metres, world: the box of its points, and of the model where that fits, and a margin;
+    size : (3,) metres: its height, and the longer and the shorter side of its footprint, without a margin, of its
+    points; points : share of the measured points that are its; unlikeness : by how much its sides are unlike the
+    model's and the model does not fit it, 0 for not at all; None without a model
     """
 
     roi: NDArray[np.float64]

@@ -3,7 +3,8 @@
 What is left of a thinned scan without its support planes falls into clusters of near neighbours. A table is not told
 from a wide low object by its looks, so both are tried: the clusters with what carries them, and those without the level
 tops. One thing may be several clusters, as an open drawer hides what joins it to its chest; where the model is known,
-neighbours are put together as long as that makes them more like the model in one of its joint configurations.
+neighbours are put together as long as that makes them more like the model in one of its joint configurations. Things of
+like size are told apart by laying the model on them (`shape_fit`); where that fits, the box holds what is hidden, too.
 
 Nothing here is certain: the boxes are proposals that a person chooses from.
 """
@@ -11,7 +12,7 @@ Nothing here is certain: the boxes are proposals that a person chooses from.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,14 +26,20 @@ from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.observe import common_frame, has_pose, presumed_up, scene_points, up_direction
 from pmpnbp.scene.region import Region
+from pmpnbp.scene.shape_fit import Shapes, best_fit, shapes
 from pmpnbp.scene.sizes_over_joints import reaches, sides, sides_over_joints, united
-from pmpnbp.scene.support_planes import ScenePoints, find_support_planes, level_tops
+from pmpnbp.scene.support_planes import ALIGNED, LEAST_BREADTH, ScenePoints, find_support_planes, level_tops
+from pmpnbp.scene.support_planes import LEAST_LENGTH as LEAST_LENGTH_OF_TOP
 
 MOST_REGIONS = 6
 # Metres that a box is larger than its points on every side. The planes' tolerances, the sensor's noise and gaps in what
 # is seen take the lowest and the outermost of a thing's points away; a joint need not have room to move, as the region
 # is only to hold what was measured.
 MARGIN = 0.1
+# Metres above what carries them in which things may touch each other.
+FEET = 0.07
+# Metres that a box is larger than the fitted model: less than about points, as a wide box takes in other things.
+FIT_MARGIN = 0.03
 # Metres: of the points in one such cube one is taken.
 GRAIN = 0.012
 # Metres between neighbours of one cluster, and in tolerances of a plane, which grow with the distance; at most so many.
@@ -51,10 +58,29 @@ TOO_SMALL = np.array([1.0, 0.7, 0.3])
 FREE = 0.1
 # As much as a factor that a thing costs which is like the model only in another orientation than upright.
 NOT_UPRIGHT = 0.3
+# Things that the model is fitted to at most; of two that share more than SAME of the larger's points one will do.
+MOST_FITTED, SAME = 16, 0.9
+# What a fit's cost counts, beside the logarithms of sizes.
+FIT = 0.7
+# A fit is good enough to tell where hidden parts are below this.
+GOOD = 0.5
 # Of two proposals that share more than this of the points of either the better one stays.
 SHARED = 0.5
 # A thing so unlike the model is not proposed beside more likely ones.
 UNLIKELY = 1.5
+# Sine of the angle between the camera's axis and the vertical below which the one says nothing across the other.
+LEAST_ACROSS = 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Thing:
+    """own : (P,) indices of its points; cost : by how much it is unlike the model; fitted : (F, 3) metres, upright,
+    where the model's surface may be, empty without a good fit; on_feet : False where its feet are none of its points"""
+
+    own: NDArray[np.int64]
+    cost: float
+    fitted: Array
+    on_feet: bool
 
 
 def propose_regions(scans: Sequence[Scan], model: ArticulatedObject | None = None) -> list[Region]:
@@ -64,40 +90,123 @@ def propose_regions(scans: Sequence[Scan], model: ArticulatedObject | None = Non
     Raises ScanError where there is no scan, or the scans' world frames differ.
     """
     common_frame(scans)
-    scene = _thinned(scene_points(scans))
+    to_camera = poses.inverse(scans[0].camera.pose_world_camera)
+    scene = _thinned(scene_points(scans), to_camera)
     planes = find_support_planes(scene, presumed_up(scans, None), up_is_known=has_pose(scans))
     up = up_direction(scans, planes, None)
-    free = np.ones(len(scene.points), dtype=bool)
-    for plane in planes:
-        distance = scene.points @ plane[:3] + plane[3]
-        free &= (distance > scene.tolerances) | (distance < -3 * scene.tolerances)
-    upright = _upright(scene.points, up)
-    on_top = np.zeros(len(free), dtype=bool)
-    for top in level_tops(scene, free, up):
-        on_top |= np.abs(scene.points @ top[:3] + top[3]) < 1.5 * scene.tolerances
-    things = _clusters(upright, scene.tolerances, free & ~on_top)
+    to_upright = _to_upright(up, scans[0].camera.pose_world_camera)
+    upright = poses.rotate(to_upright, scene.points)
+    free = _off(scene, planes)
     if model is None:
-        likeness = None
-        groups = {frozenset(thing.tolist()): 0.0 for thing in things}
+        level, _ = _on_tops(scene, upright, free, up)
+        clusters = _clusters(upright, scene.tolerances, free & ~level)
+        things = [_Thing(own=np.sort(one), cost=0.0, fitted=np.zeros((0, 3)), on_feet=True) for one in clusters]
     else:
         likeness = sides_over_joints(model)
-        groups = {}
-        for clusters in (things, _clusters(upright, scene.tolerances, free)) if on_top.any() else (things,):
-            groups |= _put_together(upright, clusters, likeness)
-    ordered = sorted(groups.items(), key=lambda item: (item[1], -len(item[0]), min(item[0])))
-    chosen: list[tuple[NDArray[np.int64], float]] = []
-    for members, cost in ordered:
-        own = np.array(sorted(members))
-        if chosen and cost > chosen[0][1] + UNLIKELY:
+        groups: dict[frozenset[int], tuple[float, bool]] = {}
+        for chosen, on_feet in _segmentations(scene, scans, upright, free, up):
+            found = _put_together(upright, _clusters(upright, scene.tolerances, chosen), likeness)
+            groups |= {members: (cost, on_feet) for members, cost in found.items()}
+        to_world = poses.quaternion_conjugate(to_upright)
+        things = _fitted(upright, groups, likeness, shapes(model), scans, to_world)
+    chosen_things: list[_Thing] = []
+    for thing in things:
+        if thing.cost > things[0].cost + UNLIKELY:
             break
-        if all(len(np.intersect1d(own, other)) < SHARED * min(len(own), len(other)) for other, _ in chosen):
-            chosen.append((own, cost))
-    return [_region(scene.points, upright, own, None if model is None else cost) for own, cost in chosen[:MOST_REGIONS]]
+        if all(_shared(thing.own, other.own) < SHARED for other in chosen_things):
+            chosen_things.append(thing)
+    return [
+        _region(scene.points, upright, thing, to_upright, None if model is None else thing.cost)
+        for thing in chosen_things[:MOST_REGIONS]
+    ]
 
 
-def _thinned(scene: ScenePoints) -> ScenePoints:
-    """One point of each GRAIN: what is near to the camera has many more than clusters need."""
-    _, kept = np.unique(np.floor(scene.points / GRAIN).astype(np.int64), axis=0, return_index=True)
+def _segmentations(
+    scene: ScenePoints, scans: Sequence[Scan], upright: Array, free: NDArray[np.bool_], up: Array
+) -> list[tuple[NDArray[np.bool_], bool]]:
+    """The points (P,) that may be of things, told apart in all the ways that may be right, and whether things have
+    their feet. A wall behind a slim object is nearly all of the scan, so that what `free` leaves may have walls in it;
+    a level top may carry what is looked for, be its own, or be of others at the same height."""
+    every = find_support_planes(scene, presumed_up(scans, None), up_is_known=has_pose(scans), least_object=0.0)
+    found: list[tuple[NDArray[np.bool_], bool]] = []
+    for rest in (free, _off(scene, every)):
+        level, large = _on_tops(scene, upright, rest, up)
+        above = rest & _above_feet(scene, rest, every, up)
+        for chosen, on_feet in ((rest & ~level, True), (rest & ~large, True), (rest, True), (above, False)):
+            if not any(np.array_equal(chosen, other) for other, _ in found):
+                found.append((chosen, on_feet))
+    return found
+
+
+def _above_feet(scene: ScenePoints, free: NDArray[np.bool_], planes: Array, up: Array) -> NDArray[np.bool_]:
+    """(P,): which points are not just above a floor or a level top: things that touch there stand apart higher up, and
+    a box's margin holds their feet all the same."""
+    above = np.ones(len(free), dtype=bool)
+    for plane in (*planes[planes[:, :3] @ up > ALIGNED], *level_tops(scene, free, up)):
+        height = scene.points @ plane[:3] + plane[3]
+        above &= (height < -scene.tolerances) | (height > FEET)
+    return above
+
+
+def _fitted(
+    upright: Array,
+    groups: dict[frozenset[int], tuple[float, bool]],
+    likeness: Array,
+    model: Shapes,
+    scans: Sequence[Scan],
+    to_world: Array,
+) -> list[_Thing]:
+    """The things of the likest sizes with a cost that says how well the model could stand there, best first."""
+    ordered = sorted(groups.items(), key=lambda item: (item[1][0], -len(item[0]), min(item[0])))
+    tried: list[NDArray[np.int64]] = []
+    things = []
+    for members, (cost, on_feet) in ordered:
+        own = np.array(sorted(members))
+        if len(tried) == MOST_FITTED or cost > ordered[0][1][0] + UNLIKELY:
+            break
+        if any(_shared(own, other, of_larger=True) > SAME for other in tried):
+            continue
+        tried.append(own)
+        likest = np.argsort(_difference(np.maximum(sides(reaches(upright[own])), 1e-3), likeness), kind="stable")
+        fit = best_fit(upright[own], model, likest, scans, to_world)
+        hidden = fit.surface if fit.cost < GOOD else np.zeros((0, 3))
+        things.append(_Thing(own=own, cost=cost + FIT * fit.cost, fitted=hidden, on_feet=on_feet))
+    return sorted(things, key=lambda thing: thing.cost)
+
+
+def _shared(one: NDArray[np.int64], other: NDArray[np.int64], *, of_larger: bool = False) -> float:
+    """Share of the points of the smaller, or larger, of two things that are the other's, too."""
+    size = (max if of_larger else min)(len(one), len(other))
+    return len(np.intersect1d(one, other, assume_unique=True)) / size
+
+
+def _off(scene: ScenePoints, planes: Array) -> NDArray[np.bool_]:
+    """(P,): which points lie on none of the `planes` (K, 4), nor a little behind one, where its noise lies."""
+    distance = scene.points @ planes[:, :3].T + planes[:, 3]
+    reach = scene.tolerances[:, None]
+    return np.asarray(((distance > reach) | (distance < -3 * reach)).all(axis=1))
+
+
+def _on_tops(
+    scene: ScenePoints, upright: Array, free: NDArray[np.bool_], up: Array
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(P,): which of the `free` points lie on level tops, and which of these on a piece that is as large as a support
+    plane by itself: at the height of a thing's own top others' tops lie, too."""
+    level, large = np.zeros(len(free), dtype=bool), np.zeros(len(free), dtype=bool)
+    for top in level_tops(scene, free, up):
+        on_plane = free & (np.abs(scene.points @ top[:3] + top[3]) < 1.5 * scene.tolerances)
+        level |= on_plane
+        for piece in _clusters(upright, scene.tolerances, on_plane):
+            _, length, breadth = sides(reaches(upright[piece]))
+            large[piece] |= length >= LEAST_LENGTH_OF_TOP and breadth >= LEAST_BREADTH
+    return level, large
+
+
+def _thinned(scene: ScenePoints, to_camera: Array) -> ScenePoints:
+    """One point of each GRAIN: what is near to the camera has many more than clusters need. The grains are the
+    camera's, so that the same are taken however the world's axes lie."""
+    grains = np.floor(poses.transform_points(to_camera, scene.points) / GRAIN).astype(np.int64)
+    _, kept = np.unique(grains, axis=0, return_index=True)
     kept.sort()
     return replace(
         scene,
@@ -109,14 +218,17 @@ def _thinned(scene: ScenePoints) -> ScenePoints:
     )
 
 
-def _upright(points: Array, up: Array) -> Array:
-    """`points` (P, 3) in a frame whose z axis is `up`."""
-    axis = np.cross(up, [0.0, 0.0, 1.0])
-    angle = np.arctan2(np.linalg.norm(axis), up[2])
-    if np.linalg.norm(axis) < 1e-9:
-        axis = np.array([1.0, 0.0, 0.0])
-    turn = poses.from_rotation_vector(angle * axis / np.linalg.norm(axis))
-    return poses.rotate(turn, points)
+def _to_upright(up: Array, pose_world_camera: Array) -> Array:
+    """(4,): the turn from world to a frame whose z axis is `up` (3,), and whose y axis is level and lies across the
+    camera's view, so that the frame is the same to the scene however the world's axes lie."""
+    axes = poses.to_matrix(pose_world_camera)[:3, :3]
+    across = np.cross(up, axes[:, 2])
+    if np.linalg.norm(across) < LEAST_ACROSS:  # it looks straight down
+        across = np.cross(up, axes[:, 1])
+    y = across / np.linalg.norm(across)
+    turn = np.eye(4)
+    turn[:3, :3] = np.stack([np.cross(y, up), y, up])
+    return poses.from_matrix(turn)[3:]
 
 
 def _clusters(points: Array, tolerances: Array, chosen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
@@ -177,6 +289,15 @@ def _difference(own: Array, likeness: Array) -> Array:
     return (wrong * np.where(factor > 0, TOO_LARGE, TOO_SMALL)).sum(axis=-1)
 
 
-def _region(points: Array, upright: Array, own: NDArray[np.int64], unlikeness: float | None) -> Region:
-    roi = np.concatenate([points[own].min(axis=0) - MARGIN, points[own].max(axis=0) + MARGIN])
-    return Region(roi=roi, size=sides(reaches(upright[own])), points=len(own) / len(points), unlikeness=unlikeness)
+def _region(points: Array, upright: Array, thing: _Thing, to_upright: Array, unlikeness: float | None) -> Region:
+    own = upright[thing.own]
+    feet = own if thing.on_feet else own - np.array([0.0, 0.0, FEET])
+    to_world = poses.quaternion_conjugate(to_upright)
+    held = np.concatenate([points[thing.own], poses.rotate(to_world, feet)])
+    low, high = held.min(axis=0) - MARGIN, held.max(axis=0) + MARGIN
+    if len(thing.fitted):
+        fitted = poses.rotate(to_world, thing.fitted)
+        low = np.minimum(low, fitted.min(axis=0) - FIT_MARGIN)
+        high = np.maximum(high, fitted.max(axis=0) + FIT_MARGIN)
+    share = len(thing.own) / len(points)
+    return Region(roi=np.concatenate([low, high]), size=sides(reaches(own)), points=share, unlikeness=unlikeness)

@@ -39,15 +39,17 @@ def sides(reach: Array) -> Array:
     return np.concatenate([lengths[..., 30:], pair.max(axis=-1, keepdims=True), pair.min(axis=-1, keepdims=True)], -1)
 
 
-def sides_over_joints(model: ArticulatedObject) -> Array:
-    """(S, 3) metres: the `sides` of the upright model with its joints at rest, and as drawn from their ranges.
-
-    Each part counts as its bounding box. The draws are the same in every call.
-    """
+def configurations(model: ArticulatedObject) -> Array:
+    """(S, D): joint positions at rest, and as drawn from their ranges. The draws are the same in every call."""
     shares = np.random.default_rng(0).random((CONFIGURATIONS, model.dof))
     spread = model.lower + (model.upper - model.lower) * shares
     spread[0] = np.clip(0.0, model.lower, model.upper)
-    part_poses = model.part_poses(poses.IDENTITY, spread)
+    return spread
+
+
+def sides_over_joints(model: ArticulatedObject) -> Array:
+    """(S, 3) metres: the `sides` of the upright model in its `configurations`; each part counts as its bounding box."""
+    part_poses = model.part_poses(poses.IDENTITY, configurations(model))
     corners = [
         poses.transform_points(part_poses[:, None, number], _corners(part.mesh.vertices))
         for number, part in enumerate(model.parts)

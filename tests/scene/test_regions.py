@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +88,41 @@ def test_the_same_scan_gives_the_same_regions_and_views_are_put_together() -> No
     assert [one.roi.tolist() for one in once] == [one.roi.tolist() for one in again]
     for scan, name in zip(scans, ("from_above", "lowered"), strict=True):
         assert held(object_points(cabinet / name, cabinet / "cabinet.urdf", scan), once[0]) > WHOLE
+
+
+def test_what_is_found_does_not_depend_on_how_the_world_lies() -> None:
+    folder, urdf = SAMPLES / "cabinet" / "open", SAMPLES / "cabinet" / "cabinet.urdf"
+    scan = load_scan(folder / "depth.png", folder / "camera.json")
+    model = load_model(urdf)
+    own = object_points(folder, urdf, scan)
+    first = propose_regions([scan], model)[0]
+    turn = poses.from_xyz_rpy([2.0, -1.0, 0.5], [0.0, 0.0, 0.7])
+    for to_other in (turn, poses.inverse(scan.camera.pose_world_camera)):  # another heading; no pose at all
+        pose = poses.multiply(to_other, scan.camera.pose_world_camera)
+        pose = poses.IDENTITY if to_other is not turn else pose
+        other = propose_regions([replace(scan, camera=replace(scan.camera, pose_world_camera=pose))], model)[0]
+        assert held(poses.transform_points(to_other, own), other) > WHOLE
+        assert other.points == pytest.approx(first.points, rel=0.02)
+        assert other.size == pytest.approx(first.size, abs=0.02)
+        assert other.unlikeness == pytest.approx(first.unlikeness, abs=0.1)
+
+
+def test_a_wall_behind_a_slim_thing_is_none(tmp_path: Path) -> None:
+    write_hard(
+        tmp_path, hard_scene("long_chain", 44), np.random.default_rng([21, list(FAMILIES).index("long_chain"), 44])
+    )
+    scan = load_scan(tmp_path / "depth.png", tmp_path / "camera.json")
+    first = propose_regions([scan], load_model(tmp_path / "model.urdf"))[0]
+    assert held(object_points(tmp_path, tmp_path / "model.urdf", scan), first) > WHOLE
+
+
+def test_of_things_as_large_as_the_model_the_one_of_its_shape_comes_first(tmp_path: Path) -> None:
+    """A box on the table is as large as the laptop might be, open; the laptop is nearly shut."""
+    family, seed = "shut_laptop", 40
+    write_hard(tmp_path, hard_scene(family, seed), np.random.default_rng([21, list(FAMILIES).index(family), seed]))
+    scan = load_scan(tmp_path / "depth.png", tmp_path / "camera.json")
+    first = propose_regions([scan], load_model(tmp_path / "model.urdf"))[0]
+    assert held(object_points(tmp_path, tmp_path / "model.urdf", scan), first) > WHOLE
 
 
 def test_without_a_model_what_has_most_points_comes_first() -> None:

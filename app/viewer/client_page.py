@@ -42,7 +42,7 @@ _POINTS_BEHIND = """<script>
 }
 </script>"""
 
-# The page around is told once of the first picture in which there is something: points, of the scan or the belief.
+# It is told once, here and to the page around, that the picture has something: points, of the scan or the belief.
 _SAYS_DRAWN = """<script>
 {
   const context = WebGL2RenderingContext.prototype, draw = context.drawArrays;
@@ -50,25 +50,27 @@ _SAYS_DRAWN = """<script>
     draw.call(this, mode, ...range);
     if (mode !== this.POINTS) return;
     context.drawArrays = draw;
-    window.frameElement?.dispatchEvent(new Event("drawn"));
+    for (const heard of [window, window.frameElement]) heard?.dispatchEvent(new Event("drawn"));
   };
 }
 </script>"""
 
 # With `?economy`, which the session's page says where there is no graphics card, the processor draws: edges are not
-# smoothed, but for a moment after a hand has moved there is a pause between two frames, and viser's frame a second for
-# no reason comes every five. viser goes on drawing for 250 ms after each change; while the session iterates, which the
-# page around says by `data-busy`, the pause outlasts that, and a change is two frames instead of four.
+# smoothed, there is a pause between two frames, but for the first ones and for a moment after a hand has moved, and
+# viser's frame a second for no reason comes every five. viser goes on drawing for 250 ms after each change; while the
+# session iterates, which the page around says by `data-busy`, the pause outlasts that, and a change is two frames
+# instead of four.
 _ECONOMY = """<script>
 if (new URLSearchParams(location.search).has("economy")) {
-  const PAUSE = 150, BUSY = 270, MOVING = 500, BEAT = 1000, RARE = 5000; // milliseconds
+  const PAUSE = 150, BUSY = 270, MOVING = 500, BEAT = 1000, RARE = 5000, FIRST = 5000; // milliseconds
   const every = window.setInterval.bind(window);
   window.setInterval = (act, delay, ...given) => every(act, delay === BEAT ? RARE : delay, ...given);
   const context = HTMLCanvasElement.prototype.getContext;
   HTMLCanvasElement.prototype.getContext = function (kind, options) {
     return context.call(this, kind, kind.startsWith("webgl") ? { ...options, antialias: false } : options);
   };
-  let last = -Infinity, moved = -Infinity, count = 0;
+  let last = -Infinity, moved = performance.now() + FIRST, count = 0;
+  addEventListener("drawn", () => { moved = -Infinity; }, { once: true });
   for (const hand of ["pointerdown", "pointermove", "wheel", "keydown"]) {
     addEventListener(hand, (event) => { if (event.buttons || !event.pointerType) moved = performance.now(); }, true);
   }

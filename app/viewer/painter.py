@@ -74,9 +74,9 @@ class Painter:
         self._stages: LRUCache[int, Stage] = LRUCache(STAGES)
         self._snapshot: Snapshot | None = None
         self._scene: SceneFrame | None = None
-        # made before anybody looks: a browser is still starting viser's program then
-        self._prepared: SceneFrame | None = None
+        # of what is drawn, and of what was told as drawn
         self._drawn_key: object = None
+        self._told_key: object = None
         # whether there is a newer iteration than the newest that views share just now
         self._behind = False
         self._theme: str | None = None
@@ -125,7 +125,8 @@ class Painter:
             try:
                 self.camera.tend()
                 seen = self._view.clients > 0
-                if self._view.state.hidden or (self._prepared is not None and not seen):
+                # the first picture is made before anybody looks: a browser is still starting viser's program then
+                if self._view.state.hidden or (self._drawing is not None and not seen):
                     continue
                 with self._painting:
                     # what changes no picture, as a state that is told, must not delay the next one
@@ -170,8 +171,8 @@ class Painter:
             self._at_once.set()
 
     def _paint(self, state: ViewState, seen: bool = True) -> bool:
-        """Draw what is to be seen now, unless that is what was drawn last; whether anything was drawn. Where it is not
-        `seen` yet all is made but the drawing."""
+        """Draw what is to be seen now, unless that is what was drawn last; whether anything was drawn that is `seen`,
+        which is told."""
         newest_for = min(SHARED / self._rate(), SHARED_AT_MOST)
         snapshot = self._scenery.snapshot(self._source, state.iteration, newest_for)
         newest = self._source.archive.iteration
@@ -186,29 +187,35 @@ class Painter:
             json_bytes(state.model_dump(exclude={"camera", "look", "hidden"})),
         )
         self._apply_theme(state)
-        if key == self._drawn_key:
+        if key == self._told_key:
             return False
         own = self._stage(self._source, snapshot, len(snapshot.problem.observation.views))
-        against = None if compared is None else (compared[1], self._stage(*compared, 0))
-        scene = self._scenery.frame(
-            key, lambda: frame(snapshot, state, own, compared=against, next_views=planned(snapshot, state))
-        )
-        self._prepared = scene
+        if key != self._drawn_key:
+            against = None if compared is None else (compared[1], self._stage(*compared, 0))
+            scene = self._scenery.frame(
+                key, lambda: frame(snapshot, state, own, compared=against, next_views=planned(snapshot, state))
+            )
+            with nullcontext() if self._drawing else _beginning:
+                self._begin(own)
+                assert self._drawing is not None
+                self._drawing.draw(scene)
+            self._snapshot, self._scene, self._drawn_key = snapshot, scene, key
         if not seen:
             return False
-        with nullcontext() if self._drawing else _beginning:
-            self._begin(own)
-            assert self._drawing is not None
-            self._drawing.draw(scene)
-        self._snapshot, self._scene, self._drawn_key = snapshot, scene, key
+        self._tell_drawn(state, own)
+        self._told_key = key
+        return True
+
+    def _tell_drawn(self, state: ViewState, own: Stage) -> None:
+        assert self._scene is not None and self._snapshot is not None
         serial = 1 if self._view.drawn is None else self._view.drawn.serial + 1
-        self._view.drawn = DrawnScene(iteration=snapshot.iteration, particles=dict(scene.particles), serial=serial)
-        told = legend(scene, state, colours(own, state.theme))
+        particles = dict(self._scene.particles)
+        self._view.drawn = DrawnScene(iteration=self._snapshot.iteration, particles=particles, serial=serial)
+        told = legend(self._scene, state, colours(own, state.theme))
         if told != self._view.legend:
             self._view.legend = told
             self._view.tell("view")
         self._view.tell("drawn")
-        return True
 
     def _stage(self, source: Source, snapshot: Snapshot, scans: int) -> Stage:
         found = self._scenery.stage(source, snapshot, scans)

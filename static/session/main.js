@@ -65,7 +65,8 @@ async function begin() {
   if (!(await loadSession())) return;
   const { search } = location; // it is another once the page keeps it
   const watched = fromStart.asked(search);
-  await openView({ ...(watched ? { iteration: oldestIteration() } : {}), ...first, economy: sceneFrame.sparing });
+  const start = watched ? { iteration: oldestIteration() } : {};
+  await openView({ ...start, ...first, economy: sceneFrame.sparing }, sceneFrame.opened);
   if (awaited) sceneFrame.begin(); // what it loaded before was no 3D view
   subscribe(["rows", "view", "lost"], refreshEstimate);
   subscribe(["view", "tab"], keepAddress);

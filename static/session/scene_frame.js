@@ -1,8 +1,10 @@
 // The frame with the 3D view, begun before all else of the page: its program takes the browser longest to start. Which
 // view it shows, and whether the processor draws it, is known without the server.
 
+import { call, sessionPath } from "./api.js";
 import { byId } from "./dom.js";
 import { withoutGraphicsCard } from "./graphics.js";
+import { theme } from "./state.js";
 import { randomId } from "./view_id.js";
 
 const asked = new URLSearchParams(location.search);
@@ -18,6 +20,10 @@ const frame = byId("scene");
 export const drawn = new Promise((resolve) => {
   frame.addEventListener("drawn", resolve, { once: true });
 });
+// What the view is said to be, by which the server makes its first picture ready while the frame still loads.
+export const opened = call(`${sessionPath(sessionId)}/views/${viewId}`, { method: "PATCH", body: first() });
+opened.catch(() => {}); // whoever awaits it hears of it
+
 let loaded = false;
 frame.addEventListener("load", () => {
   loaded = true;
@@ -39,6 +45,11 @@ export function eachLoad(act) {
 // There is nothing to be shown.
 export function end() {
   frame.removeAttribute("src");
+}
+
+function first() {
+  const whole = { theme: theme(), hidden: document.hidden, economy: sparing };
+  return asked.has("play") ? { ...whole, iteration: 0 } : whole;
 }
 
 function nameOfView() {

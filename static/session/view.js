@@ -26,10 +26,11 @@ export const choices = (name) => declared.properties[name].enum;
 // What the colours mean that a member chooses: pairs of meaning and colour.
 export const legend = (name) => declared.properties[name].legend;
 
-export async function openView(first) {
+// opened: the answer to a first change, which may have come to nothing
+export async function openView(first, opened) {
   let before = false;
   try {
-    applyAnswer(await call(path()));
+    applyAnswer(await opened.catch(() => call(path())));
   } catch (error) {
     // of a view too many; gone with the first event, once there is room for it
     if (error.status === 429) applyAnswer({ error: error.message });

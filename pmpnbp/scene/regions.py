@@ -106,7 +106,7 @@ def propose_regions(scans: Sequence[Scan], model: ArticulatedObject | None = Non
         groups: dict[frozenset[int], tuple[float, bool]] = {}
         for chosen, on_feet in _segmentations(scene, scans, upright, free, up):
             found = _put_together(upright, _clusters(upright, scene.tolerances, chosen), likeness)
-            groups |= {members: (cost, on_feet) for members, cost in found.items()}
+            groups = {members: (cost, on_feet) for members, cost in found.items()} | groups
         to_world = poses.quaternion_conjugate(to_upright)
         things = _fitted(upright, groups, likeness, shapes(model), scans, to_world)
     chosen_things: list[_Thing] = []

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
+from threading import Condition
 from typing import Any
 
+from cachetools import LRUCache, cached
 from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
 
 from app.problems import responses
 from app.routes.parameters import SourceId, sessions_of
 from app.routes.turns import LongTurnRoute
+from app.sessions.source import Source
+from pmpnbp.scene.region import Region
 from pmpnbp.scene.regions import propose_regions
+
+# Models with their scans whose regions are remembered: whoever opens the set-up again need not wait.
+KEPT = 64
 
 router = APIRouter(prefix="/api/v1/sessions/{session_id}", tags=["sessions"], route_class=LongTurnRoute)
 
@@ -52,12 +60,6 @@ def get_regions(session_id: SourceId, request: Request) -> Any:
     """The things that stand out of floor, walls and table tops in the session's scans, at most six: boxes for `roi`.
     They are told by their places, their sizes and a coarse fit of the model, so that a person or a program has to
     choose. A large thing, or one that touches others, may come in pieces or with its neighbours."""
-    source = sessions_of(request).get(session_id)
-    problem = source.archive.read().problem
-    # a scan that does not see the present region is in no view; a recording has no ids for its scans
-    count = len(source.status()["scan_ids"]) or len(problem.observation.views)
-    scans = [source.scan(view)[1] for view in range(count)]
-    found = propose_regions(scans, problem.mrf.model)
     return {
         "regions": [
             {
@@ -66,6 +68,21 @@ def get_regions(session_id: SourceId, request: Request) -> Any:
                 "points": one.points,
                 "unlikeness": one.unlikeness,
             }
-            for one in found
+            for one in _proposed(sessions_of(request).get(session_id))
         ]
     }
+
+
+def _looked_at(source: Source) -> Hashable:
+    """The model and the scans, by their ids; a recording has none, and keeps to its own."""
+    status = source.status()
+    return (status["model_id"] or source.id, *status["scan_ids"])
+
+
+# asked for by the start page, too, as soon as a session is made, so that its page waits for less
+@cached(LRUCache(KEPT), key=_looked_at, condition=Condition())
+def _proposed(source: Source) -> list[Region]:
+    problem = source.archive.read().problem
+    # a scan that does not see the present region is in no view
+    count = len(source.status()["scan_ids"]) or len(problem.observation.views)
+    return propose_regions([source.scan(view)[1] for view in range(count)], problem.mrf.model)

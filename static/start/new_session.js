@@ -6,7 +6,7 @@ import { byId, h, reconcile, setText } from "../session/dom.js";
 import { exact } from "../session/format.js";
 import { trouble } from "./confirm.js";
 import { aboutScan, count, when } from "./format.js";
-import { onChange, openNew, stored } from "./stored.js";
+import { onChange, openNew, SETUP, stored } from "./stored.js";
 
 const NUMBERS = ["particles", "iterations", "seed"];
 
@@ -150,5 +150,5 @@ function prior() {
 async function create(event) {
   event.preventDefault();
   const button = event.submitter ?? byId("create").querySelector("[type=submit]");
-  await openNew("sessions", members, button, byId("create-trouble"), "?setup");
+  await openNew("sessions", members, button, byId("create-trouble"), SETUP);
 }

@@ -1,9 +1,11 @@
 // Which models, scans and recordings are kept on the server? One list of each, asked for at the start and after each
 // change, for all parts of the page.
 
-import { call } from "../session/api.js";
+import { call, sessionPath } from "../session/api.js";
 import { trouble } from "./confirm.js";
 
+// In a session's address: it is to be asked where the object stands.
+export const SETUP = "?setup";
 const KINDS = ["models", "scans", "recordings"];
 export const stored = { models: [], scans: [], recordings: [] };
 
@@ -33,6 +35,8 @@ export async function openNew(path, members, button, place, query) {
   button.disabled = true;
   try {
     const session = await call(`/api/v1/${path}`, { method: "POST", body: members() });
+    // what its page asks for first takes the server a while, and the browser takes as long to get there
+    if (query === SETUP) fetch(`${sessionPath(session.id)}/regions`, { keepalive: true }).catch(() => {});
     location.assign(session.view_url + query);
   } catch (problem) {
     trouble(place, problem.message);

@@ -159,7 +159,8 @@ def _fitted(
     """The things of the likest sizes with a cost that says how well the model could stand there, best first."""
     ordered = sorted(groups.items(), key=lambda item: (item[1][0], -len(item[0]), min(item[0])))
     tried: list[NDArray[np.int64]] = []
-    things = []
+    things: list[_Thing] = []
+    likest_cost = np.inf
     for members, (cost, on_feet) in ordered:
         own = np.array(sorted(members))
         if len(tried) == MOST_FITTED or cost > ordered[0][1][0] + UNLIKELY:
@@ -167,10 +168,14 @@ def _fitted(
         if any(_shared(own, other, of_larger=True) > SAME for other in tried):
             continue
         tried.append(own)
+        if cost > likest_cost:  # however well the model fits there, another thing is likelier
+            things.append(_Thing(own=own, cost=cost + FIT * GOOD, fitted=np.zeros((0, 3)), on_feet=on_feet))
+            continue
         likest = np.argsort(_difference(np.maximum(sides(reaches(upright[own])), 1e-3), likeness), kind="stable")
         fit = best_fit(upright[own], model, likest, scans, to_world)
         hidden = fit.surface if fit.cost < GOOD else np.zeros((0, 3))
         things.append(_Thing(own=own, cost=cost + FIT * fit.cost, fitted=hidden, on_feet=on_feet))
+        likest_cost = min(likest_cost, things[-1].cost)
     return sorted(things, key=lambda thing: thing.cost)
 
 

@@ -52,9 +52,12 @@ begin();
 async function begin() {
   state.id = sceneFrame.sessionId;
   state.viewId = sceneFrame.viewId;
-  const first = share.viewOfLink(location.search);
+  const { search } = location; // it is another once the page keeps it
+  const first = share.viewOfLink(search);
+  const watched = fromStart.asked(search);
   controls.install();
   await untilAnswered(declareView);
+  if (watched) Object.assign(state, { playback: true, view: { ...state.view, iteration: 0 } }); // not the end before it
   tabs.install(new URLSearchParams(location.search).get("tab"));
   const about = [verdict, timeline, plots, graph, estimate, howSure, part, nextViews, pairPlot, algorithm, edge];
   for (const piece of [...about, particle, newScan, layers, overlays, economy, compare, share]) piece.install();
@@ -63,8 +66,6 @@ async function begin() {
   words.install();
   settings.install().catch((error) => update({ trouble: error.message }));
   if (!(await loadSession())) return;
-  const { search } = location; // it is another once the page keeps it
-  const watched = fromStart.asked(search);
   const start = watched ? { iteration: oldestIteration() } : {};
   await openView({ ...start, ...first, economy: sceneFrame.sparing }, sceneFrame.opened);
   if (awaited) sceneFrame.begin(); // what it loaded before was no 3D view

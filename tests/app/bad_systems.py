@@ -163,6 +163,8 @@ def _told(client: httpx.Client, names: Mapping[str, str]) -> dict[str, Any]:
     for kind in ("models", "scans", "recordings"):
         answer = client.get(f"/api/v1/{kind}/{names[kind[:-1] + '_id']}")
         found[kind] = answer.json() if answer.status_code == 200 else answer.text
+    if isinstance(found["recordings"], dict):
+        found["recordings"].pop("name")  # which people may change
     for id in (names["session_id"], names["recording_id"]):
         for iteration in (0, 3, 5):
             answer = client.get(f"/api/v1/sessions/{id}/estimate?iteration={iteration}")

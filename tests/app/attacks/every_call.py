@@ -19,6 +19,7 @@ _BODIES: Mapping[str, Any] = {
     "/sample": {"scene": "open", "run": False},
     "{view_id}": {"part": "drawer1"},
     "{session_id}": {"config": {"joint_draws": 3}},
+    "{recording_id}": {"name": "a name"},
 }
 # Of one call, seconds: none of them has more to do than a few iterations of a small session.
 PATIENCE = 60.0

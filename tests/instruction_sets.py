@@ -46,6 +46,8 @@ WITHOUT_NUMBERS = (
             "bodies",
             "camera",
             "cli",
+            "client_files",
+            "commands_once",
             "compiled_kernels",
             "connections",
             "damaged_documents",

@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
-from playwright.sync_api import Browser, BrowserContext, Locator, Page
+from playwright.sync_api import Browser, BrowserContext, Error, Locator, Page
 
 from app.server_config import ServerConfig
 from benchmarks.browser import NAMES, executable, launched
@@ -35,6 +35,8 @@ DESK, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
 SMALL = {"width": 1000, "height": 640}
 # A test that waits for what does not come ends by this, in milliseconds; it is no measure of speed.
 PATIENCE = 180_000
+# Pictures that are asked for until one is given.
+CAPTURES = 20
 # Addresses of the 3D scene in a session's page.
 SCENE = re.compile(r"/sessions/[^/]+/view/[^/]+/(\?.*)?$")
 
@@ -160,8 +162,18 @@ def served(serve_for_module: Callable[..., Served]) -> Served:
 
 def pixels(shown: Page | Locator) -> NDArray[np.uint8]:
     """What is to be seen, (height, width, 3)."""
-    image = Image.open(io.BytesIO(shown.screenshot())).convert("RGB")
-    return np.asarray(image)
+    return np.asarray(Image.open(io.BytesIO(_picture(shown))).convert("RGB"))
+
+
+def _picture(shown: Page | Locator) -> bytes:
+    """A picture of it. Chromium refuses some while it begins to draw a page with WebGL on the processor."""
+    for _ in range(CAPTURES):
+        try:
+            return shown.screenshot()
+        except Error as error:
+            if "Unable to capture screenshot" not in error.message:
+                raise
+    return shown.screenshot()
 
 
 def scrolls_sideways(page: Page) -> bool:

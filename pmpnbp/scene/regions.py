@@ -28,7 +28,7 @@ from pmpnbp.scene.observe import common_frame, has_pose, presumed_up, scene_poin
 from pmpnbp.scene.region import Region
 from pmpnbp.scene.shape_fit import Shapes, best_fit, shapes
 from pmpnbp.scene.sizes_over_joints import reaches, sides, sides_over_joints, united
-from pmpnbp.scene.support_planes import ALIGNED, LEAST_BREADTH, ScenePoints, find_support_planes, level_tops
+from pmpnbp.scene.support_planes import ALIGNED, LEAST_BREADTH, ScenePoints, large_planes, leave_an_object, level_tops
 from pmpnbp.scene.support_planes import LEAST_LENGTH as LEAST_LENGTH_OF_TOP
 
 MOST_REGIONS = 6
@@ -92,7 +92,9 @@ def propose_regions(scans: Sequence[Scan], model: ArticulatedObject | None = Non
     common_frame(scans)
     to_camera = poses.inverse(scans[0].camera.pose_world_camera)
     scene = _thinned(scene_points(scans), to_camera)
-    planes = find_support_planes(scene, presumed_up(scans, None), up_is_known=has_pose(scans))
+    presumed, known = presumed_up(scans, None), has_pose(scans)
+    every = large_planes(scene, presumed, up_is_known=known)
+    planes = leave_an_object(scene, every, presumed, up_is_known=known)
     up = up_direction(scans, planes, None)
     to_upright = _to_upright(up, scans[0].camera.pose_world_camera)
     upright = poses.rotate(to_upright, scene.points)
@@ -104,7 +106,7 @@ def propose_regions(scans: Sequence[Scan], model: ArticulatedObject | None = Non
     else:
         likeness = sides_over_joints(model)
         groups: dict[frozenset[int], tuple[float, bool]] = {}
-        for chosen, on_feet in _segmentations(scene, scans, upright, free, up):
+        for chosen, on_feet in _segmentations(scene, every, upright, free, up):
             found = _put_together(upright, _clusters(upright, scene.tolerances, chosen), likeness)
             groups = {members: (cost, on_feet) for members, cost in found.items()} | groups
         to_world = poses.quaternion_conjugate(to_upright)
@@ -122,12 +124,11 @@ def propose_regions(scans: Sequence[Scan], model: ArticulatedObject | None = Non
 
 
 def _segmentations(
-    scene: ScenePoints, scans: Sequence[Scan], upright: Array, free: NDArray[np.bool_], up: Array
+    scene: ScenePoints, every: Array, upright: Array, free: NDArray[np.bool_], up: Array
 ) -> list[tuple[NDArray[np.bool_], bool]]:
     """The points (P,) that may be of things, told apart in all the ways that may be right, and whether things have
     their feet. A wall behind a slim object is nearly all of the scan, so that what `free` leaves may have walls in it;
     a level top may carry what is looked for, be its own, or be of others at the same height."""
-    every = find_support_planes(scene, presumed_up(scans, None), up_is_known=has_pose(scans), least_object=0.0)
     found: list[tuple[NDArray[np.bool_], bool]] = []
     for rest in (free, _off(scene, every)):
         level, large = _on_tops(scene, upright, rest, up)

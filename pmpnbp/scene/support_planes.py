@@ -63,15 +63,18 @@ class ScenePoints:
     has_roi: bool
 
 
-def find_support_planes(
-    scene: ScenePoints, up: Array, *, up_is_known: bool, least_object: float = LEAST_OBJECT
-) -> Array:
+def find_support_planes(scene: ScenePoints, up: Array, *, up_is_known: bool) -> Array:
     """Support planes (K, 4) of `scene`, K at most 4, n·x + d = 0 in world, n towards the cameras, largest first.
 
     up : (3,) unit vector, world, away from the ground; up_is_known : False where it is only the picture's upward
         direction, from which the vertical may lean by up to 60°
-    least_object : share of the scan that walls leave to be the object at least, where no region is given
     """
+    planes = large_planes(scene, up, up_is_known=up_is_known)
+    return planes if scene.has_roi else leave_an_object(scene, planes, up, up_is_known=up_is_known)
+
+
+def large_planes(scene: ScenePoints, up: Array, *, up_is_known: bool) -> Array:
+    """As `find_support_planes`, with those that may be an object that fills the picture."""
     level = LEVEL if up_is_known else PRESUMED_LEVEL
     free = np.ones(len(scene.points), dtype=bool)
     planes: list[Array] = []
@@ -89,9 +92,20 @@ def find_support_planes(
         ):
             planes.append(plane)
         free &= np.abs(scene.points @ plane[:3] + plane[3]) >= SKIRT * scene.tolerances
-    if not scene.has_roi:
-        planes = _leave_an_object(scene, planes, [bool(plane[:3] @ up >= level) for plane in planes], least_object)
     return np.array(planes).reshape(-1, 4)
+
+
+def leave_an_object(scene: ScenePoints, planes: Array, up: Array, *, up_is_known: bool) -> Array:
+    """Without a region, an object that fills the picture would pass for a wall: give up `planes` (K, 4) of
+    `large_planes` that are not level, the last found first, until a twentieth of the scan is left to be the object."""
+    level = LEVEL if up_is_known else PRESUMED_LEVEL
+    on_each = [np.abs(scene.points @ plane[:3] + plane[3]) < scene.tolerances for plane in planes]
+    kept = list(range(len(planes)))
+    for k in reversed(range(len(planes))):
+        taken = np.any([on_each[j] for j in kept], axis=0)
+        if taken.mean() > 1 - LEAST_OBJECT and not planes[k, :3] @ up >= level:
+            kept.remove(k)
+    return planes[kept]
 
 
 def level_tops(scene: ScenePoints, chosen: NDArray[np.bool_], up: Array) -> list[Array]:
@@ -190,15 +204,3 @@ def _is_large(scene: ScenePoints, plane: Array, on_plane: NDArray[np.bool_], lea
     low, high = np.quantile(coordinates @ axes, [0.02, 0.98], axis=0)
     breadth, length = np.sort(high - low)
     return bool(length >= LEAST_LENGTH and breadth >= LEAST_BREADTH)
-
-
-def _leave_an_object(scene: ScenePoints, planes: list[Array], level: list[bool], least: float) -> list[Array]:
-    """Without a region, an object that fills the picture would pass for a wall: give up planes that are not `level`,
-    the last found first, until the share `least` of the scan is left to be the object."""
-    on_each = [np.abs(scene.points @ plane[:3] + plane[3]) < scene.tolerances for plane in planes]
-    kept = list(range(len(planes)))
-    for k in reversed(range(len(planes))):
-        taken = np.any([on_each[j] for j in kept], axis=0)
-        if taken.mean() > 1 - least and not level[k]:
-            kept.remove(k)
-    return [planes[k] for k in kept]

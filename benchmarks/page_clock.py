@@ -11,12 +11,10 @@ from __future__ import annotations
 
 import argparse
 import re
-import signal
 import statistics
-import tempfile
 import time
 from collections.abc import Callable
-from pathlib import Path
+from contextlib import ExitStack
 
 from playwright.sync_api import Browser, Page
 
@@ -92,19 +90,15 @@ def timed(browser: Browser, url: str, measure: Callable[[Page], dict[str, float]
 def main(urls: list[str], repeats: int) -> None:
     """All of it, for each server in turn, and a table of seconds."""
     found: dict[tuple[str, str], list[float]] = {}
-    with tempfile.TemporaryDirectory(prefix="clock-") as data:
-        own = None if urls else server_process.start(Path(data)).ready()
-        try:
-            with launched() as browser:
-                for number in range(repeats):
-                    for measure in (sample_clicked, dropped(False), dropped(True)):
-                        for url in [own.url] if own else urls:
-                            progress(f"round {number + 1} of {repeats}")
-                            for what, seconds in timed(browser, url, measure).items():
-                                found.setdefault((what, url), []).append(seconds)
-        finally:
-            if own:
-                own.end(signal.SIGTERM)
+    with ExitStack() as stack:
+        asked = urls or [stack.enter_context(server_process.running()).url]
+        browser = stack.enter_context(launched())
+        for number in range(repeats):
+            for measure in (sample_clicked, dropped(False), dropped(True)):
+                for url in asked:
+                    progress(f"round {number + 1} of {repeats}")
+                    for what, seconds in timed(browser, url, measure).items():
+                        found.setdefault((what, url), []).append(seconds)
     rows = [
         (
             what,

@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import re
 import shutil
-import signal
 import tempfile
 import time
 from collections.abc import Iterator
@@ -142,17 +141,16 @@ def _judged(thing: Thing, estimate: dict) -> tuple[float, tuple[str, ...], tuple
 def main(seed: int, data: Path) -> None:
     """All of them, and a table."""
     found: list[Outcome] = []
-    with tempfile.TemporaryDirectory(prefix="objects-") as made:
-        parent = Path(made)
-        server = server_process.start(parent / "server").ready()
-        try:
-            with launched() as browser, httpx.Client(base_url=f"{server.url}/api/v1", timeout=120.0) as client:
-                page = browser.new_page(viewport={"width": 1440, "height": 900})
-                for thing in things(parent, seed, data):
-                    found.append(through_the_page(page, server.url, thing, dropped(thing, parent), client))
-                    progress(f"{thing.name}: {found[-1].says}")
-        finally:
-            server.end(signal.SIGTERM)
+    with (
+        tempfile.TemporaryDirectory(prefix="objects-") as made,
+        server_process.running() as server,
+        launched() as browser,
+        httpx.Client(base_url=f"{server.url}/api/v1", timeout=120.0) as client,
+    ):
+        page = browser.new_page(viewport={"width": 1440, "height": 900})
+        for thing in things(Path(made), seed, data):
+            found.append(through_the_page(page, server.url, thing, dropped(thing, Path(made)), client))
+            progress(f"{thing.name}: {found[-1].says}")
     rows = [
         (
             one.thing.name,

@@ -9,8 +9,6 @@ from __future__ import annotations
 import argparse
 import io
 import re
-import signal
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -31,19 +29,18 @@ FRAMES, WIDTH, PACE, LAST = 22, 960, 260, 2500
 def main(folder: Path) -> None:
     """Make all."""
     folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="pictures-") as data:
-        server = server_process.start(Path(data)).ready()
-        try:
-            with launched() as browser, httpx.Client(base_url=f"{server.url}/api/v1", timeout=120.0) as client:
-                session = cabinet(client, name="Cabinet with an open drawer")
-                animate(browser, server.url, client, session, folder / "belief.webp")
-                for scheme, name in (("light", "page.png"), ("dark", "page_dark.png")):
-                    shown = opened(browser, f"{server.url}/sessions/{session}/?economy=0", scheme)
-                    shown.wait_for_timeout(5000)
-                    shown.screenshot(path=folder / name)
-                    shown.close()
-        finally:
-            server.end(signal.SIGTERM)
+    with (
+        server_process.running() as server,
+        launched() as browser,
+        httpx.Client(base_url=f"{server.url}/api/v1", timeout=120.0) as client,
+    ):
+        session = cabinet(client, name="Cabinet with an open drawer")
+        animate(browser, server.url, client, session, folder / "belief.webp")
+        for scheme, name in (("light", "page.png"), ("dark", "page_dark.png")):
+            shown = opened(browser, f"{server.url}/sessions/{session}/?economy=0", scheme)
+            shown.wait_for_timeout(5000)
+            shown.screenshot(path=folder / name)
+            shown.close()
 
 
 def animate(browser: Browser, url: str, client: httpx.Client, session: str, path: Path) -> None:

@@ -7,7 +7,6 @@ sheet a state with all six. A real server, a real browser, the sample scenes.
 from __future__ import annotations
 
 import argparse
-import signal
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -135,23 +134,23 @@ def sheet(pictures: list[Image.Image]) -> Image.Image:
 def main(folder: Path, only: str | None) -> None:
     """Make all, or those of which the name begins with `only`."""
     folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="states-") as data:
-        server = server_process.start(Path(data)).ready()
-        try:
-            with launched() as browser, httpx.Client(base_url=f"{server.url}/api/v1", timeout=120.0) as client:
-                ids = sessions(client)
-                for state in states(ids, exported(client, ids["rest"], Path(data))):
-                    if only is not None and not state.name.startswith(only):
-                        continue
-                    pictures = []
-                    for scheme in SCHEMES:
-                        for size in SIZES:
-                            progress(f"{state.name}, {size[0]} x {size[1]}, {scheme}")
-                            pictures.append(taken(browser, server.url, state, size, scheme))
-                            pictures[-1].save(folder / f"{state.name}-{size[0]}-{scheme}.png")
-                    sheet(pictures).save(folder / f"{state.name}.png")
-        finally:
-            server.end(signal.SIGTERM)
+    with (
+        tempfile.TemporaryDirectory(prefix="states-") as made,
+        server_process.running() as server,
+        launched() as browser,
+        httpx.Client(base_url=f"{server.url}/api/v1", timeout=120.0) as client,
+    ):
+        ids = sessions(client)
+        for state in states(ids, exported(client, ids["rest"], Path(made))):
+            if only is not None and not state.name.startswith(only):
+                continue
+            pictures = []
+            for scheme in SCHEMES:
+                for size in SIZES:
+                    progress(f"{state.name}, {size[0]} x {size[1]}, {scheme}")
+                    pictures.append(taken(browser, server.url, state, size, scheme))
+                    pictures[-1].save(folder / f"{state.name}-{size[0]}-{scheme}.png")
+            sheet(pictures).save(folder / f"{state.name}.png")
 
 
 if __name__ == "__main__":

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
-import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -42,12 +40,8 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--views", type=int, default=20, help="open 3D views (default 20)")
     parser.add_argument("--sessions", type=int, default=2, help="sessions that iterate (default 2)")
     asked = parser.parse_args(words)
-    with tempfile.TemporaryDirectory(prefix="load-") as folder:
-        server = server_process.start(Path(folder), environment=ROOM).ready()
-        try:
-            return _measure(server.url, server.process.pid, asked)
-        finally:
-            server.end(signal.SIGTERM)
+    with server_process.running(ROOM) as server:
+        return _measure(server.url, server.process.pid, asked)
 
 
 def _measure(url: str, process: int, asked: argparse.Namespace) -> int:

@@ -7,9 +7,10 @@ import re
 import signal
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Mapping
-from contextlib import nullcontext
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,6 +45,17 @@ class ServerProcess:
         assert self.process.stdout is not None
         self.process.stdout.close()
         return status
+
+
+@contextmanager
+def running(environment: Mapping[str, str] | None = None) -> Iterator[ServerProcess]:
+    """A server that has nothing stored and whose kernels are there; ended, with what it stored, at the end."""
+    with tempfile.TemporaryDirectory(prefix="server-") as folder:
+        server = start(Path(folder), environment=environment).ready()
+        try:
+            yield server
+        finally:
+            server.end(signal.SIGTERM)
 
 
 def start(

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import signal
 import tempfile
 import time
 from collections.abc import Sequence
@@ -61,14 +60,9 @@ def main(words: Sequence[str] | None = None) -> int:
 
 def _measured(size: str, config: dict[str, str], seconds: float) -> list[str]:
     kind, parts, particles = size.split(":")
-    with tempfile.TemporaryDirectory(prefix="memory-") as folder:
-        server = server_process.start(Path(folder)).ready()
-        try:
-            with httpx.Client(base_url=f"{server.url}/api/v1", timeout=None) as client:
-                body, estimated = _asked(client, kind, int(parts), int(particles), config)
-                return [size, *_figures(client, server.process.pid, body, estimated / 2**20, seconds)]
-        finally:
-            server.end(signal.SIGTERM)
+    with server_process.running() as server, httpx.Client(base_url=f"{server.url}/api/v1", timeout=None) as client:
+        body, estimated = _asked(client, kind, int(parts), int(particles), config)
+        return [size, *_figures(client, server.process.pid, body, estimated / 2**20, seconds)]
 
 
 def _figures(client: httpx.Client, process: int, body: Any, estimated: float, seconds: float) -> list[str]:

@@ -17,8 +17,6 @@ import argparse
 import asyncio
 import io
 import json
-import signal
-import tempfile
 import threading
 import time
 import zipfile
@@ -111,12 +109,8 @@ def main(words: Sequence[str] | None = None) -> int:
     }
     for name in arguments.what or ("steps", "scrub", "slowdown"):
         progress(name)
-        with tempfile.TemporaryDirectory(prefix="viewer-") as folder:
-            server = server_process.start(Path(folder)).ready()
-            try:
-                measures[name](server)
-            finally:
-                server.end(signal.SIGTERM)
+        with server_process.running() as server:
+            measures[name](server)
     return 0
 
 

@@ -59,9 +59,15 @@ def serve_for_module(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Calla
 
 
 @pytest.fixture(scope="module")
-def client(serve_for_module: Callable[..., Served]) -> httpx.Client:
-    """Calls to a server for a whole file, whose kernels are there."""
-    return serve_for_module().ready().client
+def shared(serve_for_module: Callable[..., Served]) -> Served:
+    """A server for a whole file, whose kernels are there."""
+    return serve_for_module().ready()
+
+
+@pytest.fixture(scope="module")
+def client(shared: Served) -> httpx.Client:
+    """Calls to it."""
+    return shared.client
 
 
 @pytest.fixture

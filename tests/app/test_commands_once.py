@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from typing import Any
 
 import httpx
@@ -12,17 +11,6 @@ import pytest
 from app.sessions.session import Session
 from tests.app import small_sessions as small
 from tests.app.small_sessions import problem
-from tests.servers import Served
-
-
-@pytest.fixture(scope="module")
-def served(serve_for_module: Callable[..., Served]) -> Served:
-    return serve_for_module().ready()
-
-
-@pytest.fixture(scope="module")
-def client(served: Served) -> httpx.Client:
-    return served.client
 
 
 @pytest.fixture(scope="module")

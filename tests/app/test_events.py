@@ -25,16 +25,6 @@ from tests.app import small_sessions as small
 Heard = tuple[int, str, dict[str, Any]]
 
 
-@pytest.fixture(scope="module")
-def served(serve_for_module: Callable[..., Any]) -> Any:
-    return serve_for_module().ready()
-
-
-@pytest.fixture(scope="module")
-def client(served: Any) -> httpx.Client:
-    return served.client
-
-
 def listen(url: str, path: str, last: int | None = None, until: Callable[[Heard], bool] | None = None) -> list[Heard]:
     """What a listener hears up to the first event that `until` holds for, or to the end of the stream."""
     heard: list[Heard] = []
@@ -67,12 +57,12 @@ def assert_rising(heard: list[Heard]) -> None:
     assert ids == sorted(ids) and len(set(ids)) == len(ids)
 
 
-def test_a_listener_hears_how_things_stand_and_then_everything(served: Any, client: httpx.Client) -> None:
+def test_a_listener_hears_how_things_stand_and_then_everything(shared: Any, client: httpx.Client) -> None:
     path = small.after(client, 2)
     heard: list[Heard] = []
-    listener = threading.Thread(target=lambda: heard.extend(listen(served.url, path, None, paused_at(7))))
+    listener = threading.Thread(target=lambda: heard.extend(listen(shared.url, path, None, paused_at(7))))
     listener.start()
-    while not session_of(served, path).events._listeners:
+    while not session_of(shared, path).events._listeners:
         pass
     client.post(f"{path}/run", json={"iterations": 5})
     listener.join()
@@ -88,10 +78,10 @@ def test_a_listener_hears_how_things_stand_and_then_everything(served: Any, clie
 
 
 def test_a_stream_is_kept_alive_and_never_stored(
-    served: Any, client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+    shared: Any, client: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(routes, "IDLE_SECONDS", 0.05)
-    with httpx.stream("GET", f"{served.url}{small.create(client)}/events", timeout=None) as answer:
+    with httpx.stream("GET", f"{shared.url}{small.create(client)}/events", timeout=None) as answer:
         assert "no-store" in answer.headers["cache-control"] and answer.headers["x-accel-buffering"] == "no"
         lines = answer.iter_lines()
         assert next(lines) == "retry: 1000"
@@ -139,16 +129,16 @@ def test_iterations_are_gathered_where_they_are_not_waited_for() -> None:
     assert asyncio.run(heard(0.0)) == ([], ["iteration"] * 3)
 
 
-def test_fifty_listeners_hear_every_iteration_in_order(served: Any, client: httpx.Client) -> None:
+def test_fifty_listeners_hear_every_iteration_in_order(shared: Any, client: httpx.Client) -> None:
     path = small.create(client)
     heard: list[list[Heard]] = [[] for _ in range(50)]
     threads = [
-        threading.Thread(target=lambda mine=mine: mine.extend(listen(served.url, path, None, paused_at(30))))
+        threading.Thread(target=lambda mine=mine: mine.extend(listen(shared.url, path, None, paused_at(30))))
         for mine in heard
     ]
     for thread in threads:
         thread.start()
-    while len(session_of(served, path).events._listeners) < 50:
+    while len(session_of(shared, path).events._listeners) < 50:
         pass
     client.post(f"{path}/run", json={"iterations": 30})
     for thread in threads:
@@ -183,13 +173,13 @@ def test_what_was_missed_is_heard_after_a_break(serve: Callable[..., Any], resta
 
 
 def test_another_name_is_heard_at_rest_and_between_iterations(
-    served: Any, client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+    shared: Any, client: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = small.after(client, 1, name="before")
-    last, _, state = listen(served.url, path, until=lambda heard: heard[1] == "state")[-1]
+    last, _, state = listen(shared.url, path, until=lambda heard: heard[1] == "state")[-1]
     assert state["name"] == "before"
     client.patch(path, json={"name": "at rest"}).raise_for_status()
-    ((last, kind, state),) = listen(served.url, path, last, until=lambda heard: True)
+    ((last, kind, state),) = listen(shared.url, path, last, until=lambda heard: True)
     assert (kind, state["name"], state["state"]) == ("state", "at rest", "paused")
     # while an iteration is made it waits for that, and nothing comes out of turn
     following = engine.following
@@ -201,14 +191,14 @@ def test_another_name_is_heard_at_rest_and_between_iterations(
 
     monkeypatch.setattr(engine, "following", renaming)
     client.post(f"{path}/run", json={"iterations": 2}).raise_for_status()
-    heard = listen(served.url, path, last, until=paused_at(3))
+    heard = listen(shared.url, path, last, until=paused_at(3))
     assert [number for number, *_ in heard] == sorted(number for number, *_ in heard)
     assert [row["iteration"] for _, kind, row in heard if kind == "iteration"] == [2, 3]
     names = [state["name"] for _, kind, state in heard if kind == "state"]
     assert names == ["at rest", "running", "running"]
 
 
-def test_a_failure_is_an_event(served: Any, client: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_is_an_event(shared: Any, client: httpx.Client, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*arguments: object) -> None:
         raise MemoryError("no room")
 
@@ -216,12 +206,12 @@ def test_a_failure_is_an_event(served: Any, client: httpx.Client, monkeypatch: p
     with monkeypatch.context() as patch:
         patch.setattr(engine, "following", fail)
         client.post(f"{path}/step")
-    heard = listen(served.url, path, 0, lambda heard: heard[1] == "error")
+    heard = listen(shared.url, path, 0, lambda heard: heard[1] == "error")
     assert heard[-1][2] == {"error": "iteration 1 could not be made: MemoryError: no room", "iteration": 0}
     assert heard[-2][2]["state"] == "failed"
 
 
-def test_the_stream_ends_with_the_session(served: Any, client: httpx.Client) -> None:
+def test_the_stream_ends_with_the_session(shared: Any, client: httpx.Client) -> None:
     path = small.create(client)
     begun = threading.Event()
 
@@ -230,9 +220,9 @@ def test_the_stream_ends_with_the_session(served: Any, client: httpx.Client) -> 
         return False
 
     heard: list[Heard] = []
-    listener = threading.Thread(target=lambda: heard.extend(listen(served.url, path, until=begins)))
+    listener = threading.Thread(target=lambda: heard.extend(listen(shared.url, path, until=begins)))
     listener.start()
-    session = session_of(served, path)
+    session = session_of(shared, path)
     begun.wait()
     client.delete(path)
     listener.join()
@@ -241,7 +231,7 @@ def test_the_stream_ends_with_the_session(served: Any, client: httpx.Client) -> 
         pass
 
 
-def test_a_last_event_id_that_is_no_number_is_refused(served: Any, client: httpx.Client) -> None:
+def test_a_last_event_id_that_is_no_number_is_refused(shared: Any, client: httpx.Client) -> None:
     path = small.create(client)
     answer = client.get(f"{path}/events", headers={"Last-Event-ID": "yesterday"})
     assert answer.status_code == 422 and answer.headers["content-type"] == "application/problem+json"
@@ -269,13 +259,13 @@ def test_a_slow_listener_gets_the_newest_and_holds_nobody_up() -> None:
     assert len(woken) == KEPT + 100
 
 
-def session_of(served: Any, path: str) -> Any:
-    return served.app.state.sessions.get(path.rpartition("/")[2])
+def session_of(shared: Any, path: str) -> Any:
+    return shared.app.state.sessions.get(path.rpartition("/")[2])
 
 
 @pytest.fixture(autouse=True)
-def fresh(served: Any) -> Iterator[None]:
+def fresh(shared: Any) -> Iterator[None]:
     """No session of one test runs on into the next."""
     yield
-    for session in served.app.state.sessions.list():
-        served.client.delete(f"/api/v1/sessions/{session['id']}")
+    for session in shared.app.state.sessions.list():
+        shared.client.delete(f"/api/v1/sessions/{session['id']}")

@@ -18,38 +18,33 @@ from tests.app.upload_calls import detail
 
 
 @pytest.fixture(scope="module")
-def served(serve_for_module: Callable[..., Any]) -> Any:
-    return serve_for_module().ready()
-
-
-@pytest.fixture(scope="module")
-def known(served: Any) -> dict[str, str]:
+def known(shared: Any) -> dict[str, str]:
     """What the paths of the document can name."""
-    return sample(served.client)()
+    return sample(shared.client)()
 
 
-def test_head_is_get_without_a_body(served: Any, known: dict[str, str]) -> None:
-    document = served.client.get("/openapi.json").json()
+def test_head_is_get_without_a_body(shared: Any, known: dict[str, str]) -> None:
+    document = shared.client.get("/openapi.json").json()
     paths = [path for path, operations in document["paths"].items() if "get" in operations]
     paths += ["/", "/docs", "/openapi.json", "/static/style.css", "/favicon.ico", f"/sessions/{known['session_id']}/"]
     changing = {"date", "retry-after"}
     names = defaultdict(lambda: "1", known)
     for path in paths:
         place = path.format_map(names)
-        head_alone = served.client.head(place)
+        head_alone = shared.client.head(place)
         assert head_alone.content == b"", path
-        with served.client.stream("GET", place) as answer:
+        with shared.client.stream("GET", place) as answer:
             if not path.endswith("/events"):
                 answer.read()
             assert head_alone.status_code == answer.status_code, path
             assert set(head_alone.headers) - changing == set(answer.headers) - changing, path
 
 
-def test_head_of_a_stream_of_events_ends(served: Any, known: dict[str, str]) -> None:
-    with connect(served) as connection:
+def test_head_of_a_stream_of_events_ends(shared: Any, known: dict[str, str]) -> None:
+    with connect(shared) as connection:
         connection.sendall(head("HEAD", f"/api/v1/sessions/{known['session_id']}/events", "Connection: close"))
         assert everything(connection).endswith(b"\r\n\r\n")
-    while served.app.state.traffic.connected.all:
+    while shared.app.state.traffic.connected.all:
         pass
 
 
@@ -64,8 +59,8 @@ def test_head_of_a_stream_of_events_ends(served: Any, known: dict[str, str]) -> 
         ("POST", "/static/style.css", "GET, HEAD"),
     ],
 )
-def test_a_wrong_method_is_told_all_the_right_ones(served: Any, method: str, path: str, allowed: str) -> None:
-    answer = served.client.request(method, path)
+def test_a_wrong_method_is_told_all_the_right_ones(shared: Any, method: str, path: str, allowed: str) -> None:
+    answer = shared.client.request(method, path)
     assert detail(answer, 405) == f"'{path}' does not take {method}; it takes {allowed}"
     assert answer.headers["Allow"] == allowed
 
@@ -73,14 +68,14 @@ def test_a_wrong_method_is_told_all_the_right_ones(served: Any, method: str, pat
 @pytest.mark.parametrize(
     "path", ["/", "/static/style.css", "/static/start/main.js", "/static/fonts/OpenSans-Semibold.ttf"]
 )
-def test_a_page_file_that_a_browser_has_is_not_sent_again(served: Any, path: str) -> None:
-    first = served.client.get(path)
+def test_a_page_file_that_a_browser_has_is_not_sent_again(shared: Any, path: str) -> None:
+    first = shared.client.get(path)
     tag = first.headers["ETag"]
     for given in (tag, f"W/{tag}", f'"other", {tag}', "*"):
-        again = served.client.get(path, headers={"If-None-Match": given})
+        again = shared.client.get(path, headers={"If-None-Match": given})
         assert (again.status_code, again.content, again.headers["ETag"]) == (304, b"", tag)
         assert again.headers["Cache-Control"] == "no-cache"
-    assert served.client.get(path, headers={"If-None-Match": '"other"'}).content == first.content
+    assert shared.client.get(path, headers={"If-None-Match": '"other"'}).content == first.content
 
 
 def test_failed_websockets_are_counted_and_not_logged(
@@ -119,9 +114,9 @@ def test_a_link_can_be_looked_at_first(serve: Callable[..., Any]) -> None:
 )
 @pytest.mark.parametrize("path", ["/static/style.css", "/api/v1/recordings/{recording_id}/file"])
 def test_a_range_that_cannot_be_had_is_a_problem(
-    served: Any, known: dict[str, str], path: str, ranges: str, status: int
+    shared: Any, known: dict[str, str], path: str, ranges: str, status: int
 ) -> None:
-    answer = served.client.get(path.format_map(known), headers={"Range": ranges})
+    answer = shared.client.get(path.format_map(known), headers={"Range": ranges})
     assert answer.status_code == status
     if status == 206:
         assert len(answer.content) == 10 and answer.headers["content-range"].startswith("bytes 0-9/")
@@ -129,28 +124,28 @@ def test_a_range_that_cannot_be_had_is_a_problem(
         assert "expected bytes=FIRST-LAST" in detail(answer, status)
     if status == 416:
         assert answer.headers["content-range"].startswith("bytes */")
-    assert served.client.get(path.format_map(known)).status_code == 200
+    assert shared.client.get(path.format_map(known)).status_code == 200
 
 
 @pytest.mark.parametrize(("path", "scripts"), [("/", "start"), ("/compare", "compare"), ("/sessions/any/", "session")])
-def test_a_page_says_which_scripts_it_will_ask_for(served: Any, path: str, scripts: str) -> None:
-    told = re.findall(r'<link rel="modulepreload" href="([^"]+)">', served.client.get(path).text)
+def test_a_page_says_which_scripts_it_will_ask_for(shared: Any, path: str, scripts: str) -> None:
+    told = re.findall(r'<link rel="modulepreload" href="([^"]+)">', shared.client.get(path).text)
     assert {file.split("/", 3)[3] for file in told} == {
         f"{scripts}/{file.name}" for file in (STATIC / scripts).glob("*.js")
     }
     for link in told:
-        assert served.client.get(link).status_code == 200
+        assert shared.client.get(link).status_code == 200
 
 
-def test_what_a_page_asks_for_may_be_kept_for_good_and_nothing_else(served: Any) -> None:
-    page = served.client.get("/")
+def test_what_a_page_asks_for_may_be_kept_for_good_and_nothing_else(shared: Any) -> None:
+    page = shared.client.get("/")
     assert page.headers["cache-control"] == "no-cache"
-    assert served.client.get("/", headers={"If-None-Match": page.headers["etag"]}).status_code == 304
+    assert shared.client.get("/", headers={"If-None-Match": page.headers["etag"]}).status_code == 304
     named = re.findall(r'(?:href|src)="(/(?:static|viewer)/[^"]+)"', page.text)
     assert any(path.startswith("/viewer/") for path in named)
     for path in named:
-        assert "immutable" in served.client.get(path).headers["cache-control"]
+        assert "immutable" in shared.client.get(path).headers["cache-control"]
     for path in ("/static/style.css", "/static/0123456789ab/style.css"):
-        answer = served.client.get(path)
+        answer = shared.client.get(path)
         assert "immutable" not in answer.headers["cache-control"], path
     assert answer.status_code == 404

@@ -20,17 +20,6 @@ from tests.app.small_sessions import problem
 
 
 @pytest.fixture(scope="module")
-def shared(serve_for_module: Callable[..., Any]) -> Any:
-    """One server for all tests here."""
-    return serve_for_module().ready()
-
-
-@pytest.fixture(scope="module")
-def client(shared: Any) -> httpx.Client:
-    return shared.client
-
-
-@pytest.fixture(scope="module")
 def ids(client: httpx.Client) -> dict[str, str]:
     return {"model_id": small.upload_model(client), "scan_id": small.upload_scan(client)}
 

@@ -4,7 +4,6 @@ draws the same places."""
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -20,18 +19,6 @@ from tests.app import small_sessions as small
 from tests.app.scenes import only, scene
 from tests.app.small_sessions import problem
 from tests.servers import Served
-
-
-@pytest.fixture(scope="module")
-def served(serve_for_module: Callable[..., Served]) -> Served:
-    """A server for the whole file, whose kernels are there."""
-    return serve_for_module().ready()
-
-
-@pytest.fixture(scope="module")
-def client(served: Served) -> httpx.Client:
-    """Calls to it."""
-    return served.client
 
 
 @pytest.fixture(scope="module")
@@ -64,13 +51,13 @@ def test_what_hides_a_link_is_told_of_those_that_block(client: httpx.Client, res
     assert client.get(f"{rested}/decision?max_std=1000").json()["sight"] == {}
 
 
-def test_the_3d_view_draws_what_the_decision_tells(client: httpx.Client, served: Served) -> None:
+def test_the_3d_view_draws_what_the_decision_tells(client: httpx.Client, shared: Served) -> None:
     """From above the open drawer hides those below it, which may be anywhere along their slides."""
     prior = json.loads((small.CABINET / "from_above" / "prior.json").read_text())
     path = small.create(client, scan_id=small.upload_scan(client, "from_above"), roi=None, prior=prior)
     client.post(f"{path}/run", json={"until": "converged"}).raise_for_status()
     small.at_rest(client, path)
-    archive = served.app.state.sessions.get(path.rsplit("/", 1)[1]).archive
+    archive = shared.app.state.sessions.get(path.rsplit("/", 1)[1]).archive
     newest = archive.read()
     for part, query in ((None, ""), ("drawer2", "?links=drawer2,handle2")):
         told = [view for view in client.get(f"{path}/decision{query}").json()["views"] if view["worthwhile"]]

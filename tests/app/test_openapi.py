@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from html.parser import HTMLParser
 from typing import Any
 
@@ -14,13 +14,8 @@ EXAMPLES = 2
 
 
 @pytest.fixture(scope="module")
-def served(serve_for_module: Callable[..., Any]) -> Any:
-    return serve_for_module().ready()
-
-
-@pytest.fixture(scope="module")
-def document(served: Any) -> dict[str, Any]:
-    found: dict[str, Any] = served.client.get("/openapi.json").json()
+def document(shared: Any) -> dict[str, Any]:
+    found: dict[str, Any] = shared.client.get("/openapi.json").json()
     return found
 
 
@@ -30,12 +25,12 @@ def operations(document: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]
             yield f"{method.upper()} {path}", operation
 
 
-def test_answers_are_as_described(served: Any) -> None:
+def test_answers_are_as_described(shared: Any) -> None:
     """A few calls of each kind for each operation, from a fixed seed; the script makes thousands."""
-    known = sample(served.client)
-    made = exercise(served.url, known, EXAMPLES)
+    known = sample(shared.client)
+    made = exercise(shared.url, known, EXAMPLES)
     assert made.total() > 100
-    listen(served.client, known()["session_id"])
+    listen(shared.client, known()["session_id"])
 
 
 def test_every_operation_is_described(document: dict[str, Any]) -> None:
@@ -136,9 +131,9 @@ class Outline(HTMLParser):
         self.text.append(data)
 
 
-def test_the_page_shows_every_operation(served: Any, document: dict[str, Any]) -> None:
+def test_the_page_shows_every_operation(shared: Any, document: dict[str, Any]) -> None:
     outline = Outline()
-    outline.feed(served.client.get("/docs").text)
+    outline.feed(shared.client.get("/docs").text)
     assert outline.open == []
     text = " ".join("".join(outline.text).split())
     for label, operation in operations(document):
@@ -148,12 +143,12 @@ def test_the_page_shows_every_operation(served: Any, document: dict[str, Any]) -
     assert not [link for link in outline.links if "://" in link]
 
 
-def test_settings_are_those_of_the_library(served: Any) -> None:
+def test_settings_are_those_of_the_library(shared: Any) -> None:
     from dataclasses import fields
 
     from pmpnbp.settings import Settings, preset
 
-    answer = served.client.get("/api/v1/settings").json()
+    answer = shared.client.get("/api/v1/settings").json()
     found = {entry["name"]: entry for entry in answer["settings"]}
     assert list(found) == [entry.name for entry in fields(Settings)]
     for name, entry in found.items():

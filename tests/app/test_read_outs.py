@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import http.client
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -19,16 +19,6 @@ from tests.app.small_sessions import history, problem
 
 # Calls that are answered while others wait.
 AT_ONCE = 4
-
-
-@pytest.fixture(scope="module")
-def served(serve_for_module: Callable[..., Any]) -> Any:
-    return serve_for_module().ready()
-
-
-@pytest.fixture(scope="module")
-def client(served: Any) -> httpx.Client:
-    return served.client
 
 
 @pytest.fixture(scope="module")
@@ -130,13 +120,13 @@ def test_a_long_read_out_is_told_of(
 
 
 def test_a_posterior_that_is_asked_for_twice_is_read_out_once_while_the_session_iterates(
-    served: Any, client: httpx.Client, whole: str, path: str, beside: ThreadPoolExecutor, held: Held
+    shared: Any, client: httpx.Client, whole: str, path: str, beside: ThreadPoolExecutor, held: Held
 ) -> None:
     asked_of = client.get(whole).json()["iteration"] - 4  # of a session that is not at rest, where it would be read out
     small.step(client, path, asked_of + 1)
     calls = [f"{call}iteration={asked_of}" for call in ("estimate?posterior=true&", "posterior/frame?", "decision?")]
     asked = [beside.submit(client.get, f"{path}/{call}") for call in calls]
-    read_outs = served.app.state.sessions.get(path.rpartition("/")[2]).read_outs
+    read_outs = shared.app.state.sessions.get(path.rpartition("/")[2]).read_outs
     while sum(len(waiting) for waiting in read_outs._waiting.values()) < len(calls):
         time.sleep(small.PATIENCE)
     other = beside.submit(client.get, f"{path}/posterior?iteration={asked_of + 1}")
@@ -151,11 +141,11 @@ def test_a_posterior_that_is_asked_for_twice_is_read_out_once_while_the_session_
 
 
 def test_a_read_out_ends_when_the_last_client_that_waits_for_it_has_gone(
-    served: Any, client: httpx.Client, path: str, held: Held
+    shared: Any, client: httpx.Client, path: str, held: Held
 ) -> None:
     small.step(client, path, 6)
-    clients = [http.client.HTTPConnection(*served.url.removeprefix("http://").split(":")) for _ in range(2)]
-    read_outs = served.app.state.sessions.get(path.rpartition("/")[2]).read_outs
+    clients = [http.client.HTTPConnection(*shared.url.removeprefix("http://").split(":")) for _ in range(2)]
+    read_outs = shared.app.state.sessions.get(path.rpartition("/")[2]).read_outs
     for number, one in enumerate(clients, 1):
         one.request("GET", f"{path}/decision?iteration=5")
         while sum(len(waiting) for waiting in read_outs._waiting.values()) < number:

@@ -27,11 +27,6 @@ def shared(serve_for_module: Callable[..., Any]) -> Any:
 
 
 @pytest.fixture(scope="module")
-def client(shared: Any) -> httpx.Client:
-    return shared.client
-
-
-@pytest.fixture(scope="module")
 def everywhere(client: httpx.Client) -> str:
     """The path of a session without a region."""
     return small.create(client, roi=None)

@@ -6,7 +6,6 @@ import io
 import json
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +22,6 @@ from pmpnbp.recording import Recording
 from tests.app import small_sessions as small
 
 LINKS = ["frame", "drawer1", "handle1", "drawer2", "handle2", "drawer3", "handle3"]
-
-
-@pytest.fixture(scope="module")
-def served(serve_for_module: Callable[..., Any]) -> Any:
-    return serve_for_module().ready()
-
-
-@pytest.fixture(scope="module")
-def client(served: Any) -> httpx.Client:
-    return served.client
 
 
 @pytest.fixture(scope="module")
@@ -126,13 +115,13 @@ def test_wait_answers_when_it_is_so(client: httpx.Client) -> None:
     assert client.get(f"{path}/estimate?wait=certain&timeout=600").json()["certain"] == certain
 
 
-def test_wait_ends_with_its_time_or_with_a_pause(served: Any, client: httpx.Client) -> None:
+def test_wait_ends_with_its_time_or_with_a_pause(shared: Any, client: httpx.Client) -> None:
     path = small.create(client)
     client.post(f"{path}/run", json={"iterations": 100_000})
     began = time.monotonic()
     assert client.get(f"{path}/estimate?wait=idle&timeout=0.3").json()["state"] == "running"
     assert time.monotonic() - began >= 0.3
-    pause = threading.Timer(0.3, lambda: httpx.post(f"{served.url}{path}/pause", timeout=None))
+    pause = threading.Timer(0.3, lambda: httpx.post(f"{shared.url}{path}/pause", timeout=None))
     pause.start()
     assert client.get(f"{path}/estimate?wait=idle&timeout=600").json()["state"] == "paused"
     pause.join()
@@ -429,10 +418,10 @@ def test_the_recording_is_one_file_also_while_it_is_written(client: httpx.Client
         recording.state(there[-1])
 
 
-def test_no_copy_of_a_recording_stays(served: Any, path: str) -> None:
-    before = [*(served.config.data_dir / "incoming").iterdir()]
-    assert len(served.client.get(f"{path}/recording").content) > 10_000
-    assert [*(served.config.data_dir / "incoming").iterdir()] == before
+def test_no_copy_of_a_recording_stays(shared: Any, path: str) -> None:
+    before = [*(shared.config.data_dir / "incoming").iterdir()]
+    assert len(shared.client.get(f"{path}/recording").content) > 10_000
+    assert [*(shared.config.data_dir / "incoming").iterdir()] == before
 
 
 def test_what_json_does_not_have_becomes_null() -> None:
@@ -440,12 +429,12 @@ def test_what_json_does_not_have_becomes_null() -> None:
     assert json.loads(json_bytes(told)) == {"a": None, "b": [1.5, None], "c": {"d": [None, "ü"]}}
 
 
-def test_a_result_is_made_ahead_only_for_those_who_ask_again(served: Any) -> None:
-    path = small.after(served.client, 1)
-    archive = served.app.state.sessions.get(path.rpartition("/")[2]).archive
+def test_a_result_is_made_ahead_only_for_those_who_ask_again(shared: Any) -> None:
+    path = small.after(shared.client, 1)
+    archive = shared.app.state.sessions.get(path.rpartition("/")[2]).archive
     assert archive.present.known_text is None
-    assert served.client.get(f"{path}/estimate").status_code == 200
-    small.step(served.client, path)
+    assert shared.client.get(f"{path}/estimate").status_code == 200
+    small.step(shared.client, path)
     assert archive.present.known_text is not None  # who asks again does not wait
-    small.step(served.client, path)
+    small.step(shared.client, path)
     assert archive.present.known_text is None  # nobody has asked again

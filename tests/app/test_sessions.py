@@ -23,11 +23,6 @@ def shared(serve_for_module: Callable[..., Any]) -> Any:
 
 
 @pytest.fixture(scope="module")
-def client(shared: Any) -> httpx.Client:
-    return shared.client
-
-
-@pytest.fixture(scope="module")
 def model_id(client: httpx.Client) -> str:
     return small.upload_model(client)
 

@@ -17,18 +17,13 @@ from tests.app.open_views import drawn, looking, painter, state, until
 
 
 @pytest.fixture(scope="module")
-def served(serve_for_module: Callable[..., Any]) -> Any:
-    return serve_for_module().ready()
-
-
-@pytest.fixture(scope="module")
-def path(served: Any) -> str:
+def path(shared: Any) -> str:
     """A session after a few iterations, which no test takes further."""
-    return small.after(served.client, 5)
+    return small.after(shared.client, 5)
 
 
-def test_a_new_view_has_what_the_session_has(served: Any, path: str) -> None:
-    found = state(served, f"{path}/views/new")
+def test_a_new_view_has_what_the_session_has(shared: Any, path: str) -> None:
+    found = state(shared, f"{path}/views/new")
     assert found["region"] == small.ROI and found["prior"] is None and found["iteration"] is None
     assert found["drawn"] is None and found["clients"] == 0 and found["error"] is None
     prior = {
@@ -36,20 +31,20 @@ def test_a_new_view_has_what_the_session_has(served: Any, path: str) -> None:
         "link": "frame",
         "std_xyz": [0.1] * 3,
         "std_rpy": [0.1] * 3,
-        "pose": served.client.get(f"{path}/estimate").json()["links"]["frame"]["pose"],
+        "pose": shared.client.get(f"{path}/estimate").json()["links"]["frame"]["pose"],
     }
-    given = small.create(served.client, prior=prior)
-    assert state(served, f"{given}/views/new")["prior"] == prior
+    given = small.create(shared.client, prior=prior)
+    assert state(shared, f"{given}/views/new")["prior"] == prior
 
 
-def test_a_change_is_merged_and_kept(served: Any, path: str) -> None:
+def test_a_change_is_merged_and_kept(shared: Any, path: str) -> None:
     view = f"{path}/views/kept"
-    changed = state(served, view, iteration=3, show={"axes": True}, part="drawer2", particle=7, theme="dark")
+    changed = state(shared, view, iteration=3, show={"axes": True}, part="drawer2", particle=7, theme="dark")
     assert changed["show"]["axes"] and changed["show"]["scan"] and changed["particle"] == 7
-    again = state(served, view, confidence=0.5)
-    assert again == changed | {"confidence": 0.5, "revision": 2} == state(served, view)
-    assert state(served, f"{path}/views/other")["iteration"] is None  # each view has its own
-    assert state(served, view, iteration=None)["iteration"] is None
+    again = state(shared, view, confidence=0.5)
+    assert again == changed | {"confidence": 0.5, "revision": 2} == state(shared, view)
+    assert state(shared, f"{path}/views/other")["iteration"] is None  # each view has its own
+    assert state(shared, view, iteration=None)["iteration"] is None
 
 
 @pytest.mark.parametrize(
@@ -68,90 +63,90 @@ def test_a_change_is_merged_and_kept(served: Any, path: str) -> None:
     ],
 )
 def test_what_cannot_be_shown_is_refused(
-    served: Any, path: str, change: dict[str, Any], status: int, sentence: str
+    shared: Any, path: str, change: dict[str, Any], status: int, sentence: str
 ) -> None:
     view = f"{path}/views/refused"
-    before = state(served, view)
-    answer = served.client.patch(view, json=change)
+    before = state(shared, view)
+    answer = shared.client.patch(view, json=change)
     assert answer.status_code == status and sentence in answer.json()["detail"]
     assert answer.headers["content-type"] == "application/problem+json"
-    assert state(served, view) == before
+    assert state(shared, view) == before
 
 
-def test_what_is_not_here_is_404(served: Any, path: str) -> None:
+def test_what_is_not_here_is_404(shared: Any, path: str) -> None:
     for kind in ("", "/events", "/scene.html"):
-        answer = served.client.get(f"/api/v1/sessions/fedcba9876543210/views/a{kind}")
+        answer = shared.client.get(f"/api/v1/sessions/fedcba9876543210/views/a{kind}")
         assert answer.status_code == 404 and "fedcba9876543210" in answer.json()["detail"]
-        assert served.client.get(f"{path}/views/a.b{kind}").status_code == 404
+        assert shared.client.get(f"{path}/views/a.b{kind}").status_code == 404
 
 
-def test_nothing_is_drawn_while_nobody_looks(served: Any) -> None:
-    path = small.create(served.client)
+def test_nothing_is_drawn_while_nobody_looks(shared: Any) -> None:
+    path = small.create(shared.client)
     view = f"{path}/views/unseen"
-    state(served, view, confidence=0.5)
-    small.step(served.client, path, 2)
-    assert state(served, view)["drawn"] is None
-    with looking(served, view):
-        particles = drawn(served, view, 2)["particles"]
+    state(shared, view, confidence=0.5)
+    small.step(shared.client, path, 2)
+    assert state(shared, view)["drawn"] is None
+    with looking(shared, view):
+        particles = drawn(shared, view, 2)["particles"]
         assert set(particles) == {"frame", "drawer1", "drawer2", "drawer3"}
         assert all(0 < count <= 40 for count in particles.values())  # those that weigh something
-        small.step(served.client, path)
-        serial = drawn(served, view, 3)["serial"]
-        state(served, view, hidden=True)
-        small.step(served.client, path)
+        small.step(shared.client, path)
+        serial = drawn(shared, view, 3)["serial"]
+        state(shared, view, hidden=True)
+        small.step(shared.client, path)
         time.sleep(3 / painter_module.RATE)
-        assert state(served, view)["drawn"]["serial"] == serial
-        state(served, view, hidden=False)
-        drawn(served, view, 4)
-    until(lambda: state(served, view)["clients"] == 0)
-    small.step(served.client, path)
+        assert state(shared, view)["drawn"]["serial"] == serial
+        state(shared, view, hidden=False)
+        drawn(shared, view, 4)
+    until(lambda: state(shared, view)["clients"] == 0)
+    small.step(shared.client, path)
     time.sleep(3 / painter_module.RATE)
-    assert state(served, view)["drawn"]["iteration"] == 4
+    assert state(shared, view)["drawn"]["iteration"] == 4
 
 
-def test_a_view_stays_at_its_iteration_and_others_at_theirs(served: Any) -> None:
-    path = small.after(served.client, 4)
+def test_a_view_stays_at_its_iteration_and_others_at_theirs(shared: Any) -> None:
+    path = small.after(shared.client, 4)
     old, live = f"{path}/views/old", f"{path}/views/live"
-    state(served, old, iteration=2)
-    with looking(served, old), looking(served, live):
-        drawn(served, old, 2)
-        drawn(served, live, 4)
-        small.step(served.client, path)
-        drawn(served, live, 5)
-        assert state(served, old)["drawn"]["iteration"] == 2
-        state(served, old, iteration=1)
-        drawn(served, old, 1)
-        state(served, old, iteration=None, show={"particles": False})
-        assert drawn(served, old, 5)["particles"] == {}
+    state(shared, old, iteration=2)
+    with looking(shared, old), looking(shared, live):
+        drawn(shared, old, 2)
+        drawn(shared, live, 4)
+        small.step(shared.client, path)
+        drawn(shared, live, 5)
+        assert state(shared, old)["drawn"]["iteration"] == 2
+        state(shared, old, iteration=1)
+        drawn(shared, old, 1)
+        state(shared, old, iteration=None, show={"particles": False})
+        assert drawn(shared, old, 5)["particles"] == {}
         # iterations that are no more: the newest there is
-        state(served, live, iteration=5)
-        served.client.post(f"{path}/reset")
-        drawn(served, live, 0)
+        state(shared, live, iteration=5)
+        shared.client.post(f"{path}/reset")
+        drawn(shared, live, 0)
 
 
-def test_a_client_that_reads_nothing_delays_nobody(served: Any) -> None:
-    path = small.create(served.client)
+def test_a_client_that_reads_nothing_delays_nobody(shared: Any) -> None:
+    path = small.create(shared.client)
     slow, quick = f"{path}/views/slow", f"{path}/views/quick"
-    with looking(served, slow, reads=False), looking(served, quick):
+    with looking(shared, slow, reads=False), looking(shared, quick):
         for iteration in range(1, 7):
-            small.step(served.client, path)
-            drawn(served, quick, iteration)
-        drawn(served, slow, 6)  # in viser, ready for when it reads
+            small.step(shared.client, path)
+            drawn(shared, quick, iteration)
+        drawn(shared, slow, 6)  # in viser, ready for when it reads
 
 
-def test_events_tell_of_changes_and_of_what_is_drawn(served: Any, path: str) -> None:
+def test_events_tell_of_changes_and_of_what_is_drawn(shared: Any, path: str) -> None:
     view = f"{path}/views/told"
     events: list[tuple[str, Any]] = []
-    with httpx.Client(base_url=served.url, timeout=None) as client, client.stream("GET", f"{view}/events") as stream:
+    with httpx.Client(base_url=shared.url, timeout=None) as client, client.stream("GET", f"{view}/events") as stream:
         assert stream.headers["content-type"].startswith("text/event-stream")
         thread = threading.Thread(target=gather, args=(stream, events, 4))
         thread.start()
         until(lambda: events)
-        assert events[0] == ("view", state(served, view))
-        state(served, view, part="drawer1")
+        assert events[0] == ("view", state(shared, view))
+        state(shared, view, part="drawer1")
         until(lambda: len(events) > 1)
         assert events[1][0] == "view" and events[1][1]["part"] == "drawer1"
-        with looking(served, view):
+        with looking(shared, view):
             until(lambda: [kind for kind, _ in events if kind == "drawn"])
             thread.join()
     assert next(data for kind, data in events if kind == "drawn")["iteration"] == 5
@@ -170,15 +165,15 @@ def gather(stream: Any, events: list[tuple[str, Any]], least: int) -> None:
                 return
 
 
-def test_a_deleted_session_ends_its_views(served: Any) -> None:
-    path = small.create(served.client)
+def test_a_deleted_session_ends_its_views(shared: Any) -> None:
+    path = small.create(shared.client)
     view = f"{path}/views/doomed"
-    with looking(served, view):
-        drawn(served, view, 0)
-        thread = painter(served, view)._thread
-        assert served.client.delete(path).status_code == 204
+    with looking(shared, view):
+        drawn(shared, view, 0)
+        thread = painter(shared, view)._thread
+        assert shared.client.delete(path).status_code == 204
         thread.join()
-    assert served.client.get(view).status_code == 404
+    assert shared.client.get(view).status_code == 404
 
 
 def test_views_that_nobody_keeps_make_room(serve: Callable[..., Any]) -> None:
@@ -207,7 +202,7 @@ def test_a_view_too_many_is_refused_until_one_closes(serve: Callable[..., Any]) 
         until(lambda: served.client.get(views[2]).status_code == 200)
 
 
-def upgrade(served: Any, view: str) -> httpx.Response:
+def upgrade(shared: Any, view: str) -> httpx.Response:
     """What a browser's websocket on a view is answered."""
     session_id, view_id = view.split("/")[4], view.split("/")[6]
     headers = {
@@ -215,9 +210,9 @@ def upgrade(served: Any, view: str) -> httpx.Response:
         "Upgrade": "websocket",
         "Sec-WebSocket-Version": "13",
         "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
-        "Origin": served.url,
+        "Origin": shared.url,
     }
-    found: httpx.Response = served.client.get(f"/sessions/{session_id}/view/{view_id}/", headers=headers)
+    found: httpx.Response = shared.client.get(f"/sessions/{session_id}/view/{view_id}/", headers=headers)
     return found
 
 

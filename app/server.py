@@ -44,7 +44,7 @@ from app.sessions.sessions import Sessions
 from app.store.store import Store
 from app.uploads.parsers import Parsers
 from app.uploads.uploads import Uploads, parsers_for
-from app.viewer import client_files, proxy
+from app.viewer import proxy
 from app.viewer.views import Views
 from pmpnbp.pictures.pictures import Pictures
 from pmpnbp.version import version
@@ -170,7 +170,6 @@ def _get_ready(app: FastAPI) -> None:
     try:
         # the first upload need not wait for its reader's imports
         app.state.parsers.warm()
-        client_files.client()
         _kernels()
         app.state.ready = not app.state.stopping
         if app.state.config.demo and app.state.ready:

@@ -1,5 +1,6 @@
-// With which settings does the inference go on? Every entry of /api/v1/settings with its help, unit and limits, lengths in
-// centimetres and angles in degrees as all over the page; a change counts from the next iteration on. Method and particle count are a session's for life: those start a new one.
+// With which settings does the inference go on? Every entry of /api/v1/settings with its help, unit and limits, lengths
+// in centimetres and angles in degrees as all over the page; a change counts from the next iteration on. Method and
+// particle count are a session's for life: those start a new one.
 
 import { call, sessionPath } from "./api.js";
 import { startDerivedSession } from "./derived_session.js";

@@ -1,6 +1,7 @@
 """What does an exported scene say besides its picture? Whose it is, what was found, where the joints stand, a legend.
 
-Plain HTML within viser's page: no script, nothing to be fetched, in the page's own light or dark.
+Plain HTML within viser's page, nothing to be fetched, in the page's own light or dark; folded where it would cover too
+much of the picture.
 """
 
 from __future__ import annotations
@@ -33,8 +34,9 @@ _STYLE = """<style>
 .caption i { flex: none; width: 16px; height: 9px; border-radius: 2px; }
 .caption i.line { height: 2px; }
 .caption i.ellipsoid, .caption i.points { width: 10px; margin: 0 3px; border-radius: 50%; }
-@media (max-width: 600px) { .caption { max-height: 34%; } }
+@media (max-width: 600px) { .caption { max-height: 60%; } }
 </style>"""
+_FOLDED_ON_A_PHONE = "<script>document.currentScript.previousElementSibling.open = innerWidth > 600;</script>"
 # Of what has no one colour.
 _QUIET = "#8b97a6"
 
@@ -53,6 +55,7 @@ def captioned(page: str, theme: Theme, name: str, result: Mapping[str, Any], leg
         f"<summary><h1>{escape(name)}</h1></summary>"
         f'<p class="quiet">{escape(estimate.model)}, iteration {estimate.iteration}{ninety}</p>'
         f"<p>{escape(estimate.verdict)}.</p><table>{rows}</table><ul aria-label=Legend>{lines}</ul></details>"
+        f"{_FOLDED_ON_A_PHONE}"
     )
     page = re.sub("<title>.*?</title>", lambda _: f"<title>{title}</title>", page, count=1, flags=re.DOTALL)
     end = page.rindex("</body>")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import viser
 
+from app.viewer.client_shaders import SHADERS
 from pmpnbp.pictures.palette import DARK_PAPER, PAPER
 
 CLIENT_PAGE = Path(viser.__file__).parent / "client" / "build" / "index.html"
@@ -26,21 +27,6 @@ html, body {{ background: var(--ground) !important; }}
 # viser's page connects again after a break only while it has the focus, which in a frame it seldom has: the scene would
 # stand still after a restart of the server, whatever the page around it shows.
 _RECONNECT = "<script>document.hasFocus = () => true;</script>"
-
-# A scan's points lie on the very surfaces that the estimate is drawn on, and noise has every other one before them:
-# points are drawn as if they were this share of their distance farther away, and a surface that fits them is whole. It
-# moves nothing in the picture: of a point only the depth changes that surfaces are compared with.
-_POINTS_BEHIND = """<script>
-{
-  const FARTHER = "0.008";
-  const source = WebGL2RenderingContext.prototype.shaderSource;
-  WebGL2RenderingContext.prototype.shaderSource = function (shader, text) {
-    const behind = `gl_Position.z -= ${FARTHER} * projectionMatrix[3][2];`;
-    const points = text.includes("gl_PointSize") && text.includes("projectionMatrix");
-    source.call(this, shader, points ? text.replace(/}\\s*$/, `${behind} }`) : text);
-  };
-}
-</script>"""
 
 # It is told once, here and to the page around, that the picture has something: points, of the scan or the belief.
 _SAYS_DRAWN = """<script>
@@ -105,4 +91,4 @@ if (new URLSearchParams(location.search).has("economy")) {
 def scene_only(page: str, script: str = "") -> str:
     """A page of viser's, HTML, of which only the scene is seen. script : elements to be read first"""
     start = page.index("<head>") + len("<head>")
-    return page[:start] + _STYLE + _RECONNECT + _POINTS_BEHIND + _SAYS_DRAWN + _ECONOMY + script + page[start:]
+    return page[:start] + _STYLE + _RECONNECT + SHADERS + _SAYS_DRAWN + _ECONOMY + script + page[start:]

@@ -80,6 +80,8 @@ function show() {
   byId("step").disabled ||= going;
   byId("run-open").disabled ||= going;
   byId("play").dataset.going = String(going);
+  // at rest it is not what comes next
+  for (const id of ["play", "run-open"]) byId(id).classList.toggle("primary", going || !session.converged);
   byId("play").setAttribute("aria-label", going ? "Pause" : "Run");
   setText(byId("play-word"), going ? "Pause" : "Run");
 

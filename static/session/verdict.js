@@ -65,7 +65,8 @@ function sentence({ state: here, phase, fit, fit_reason: reason, certain }) {
   if (fit === "none") return ["Not found:", `${reason}.`];
   if (fit === "doubtful") return ["Doubtful:", `${reason}.`];
   if (fit !== "good") {
-    return ["", iterates() ? capital(phase) : "Not at rest yet"];
+    if (iterates()) return ["", capital(phase)];
+    return ["", newestIteration() === 0 ? "Not begun yet" : "Not at rest yet"];
   }
   const estimate = newest();
   const explained = estimate?.explained ?? null;

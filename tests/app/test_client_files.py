@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import zstandard
 
-from app.viewer import client_files
+from app.viewer import client_files, client_shaders
 
 DIGITS = client_files._DIGITS.decode()
 
@@ -50,6 +50,12 @@ def test_a_packed_page_becomes_one_with_files() -> None:
 def test_the_installed_viser_is_unpacked() -> None:
     text, files = client_files.client()
     assert len(files) == 2 and len(text) < 100_000
+
+
+def test_its_shaders_end_as_they_are_told_more() -> None:
+    (program,) = (file for name, file in client_files.client()[1].items() if name.endswith(".js"))
+    text = gzip.decompress(program.zipped).decode()
+    assert all(text.count(end) == 1 for end in client_shaders.LABELS)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -68,7 +69,7 @@ def static_file(name: str, request: Request) -> Response:
 def _page(name: str, scripts: str, request: Request) -> Response:
     """A page, and word of its scripts: each would else be asked for only once the one that imports it is there. Its
     files' addresses hold their version, so that a browser that has them does not ask for them again."""
-    place = f"/static/{_version()}/"
+    place = f"/static/{_VERSION.now()}/"
     needed = [f'<link rel="modulepreload" href="{place}{module}">' for module in _modules(scripts)]
     soon = [] if scripts == "session" else [f"{place}{module}" for module in _modules("session")] + client_places()
     later = [f'<link rel="prefetch" href="{path}">' for path in soon]
@@ -81,10 +82,11 @@ def _page(name: str, scripts: str, request: Request) -> Response:
 
 
 def _file(name: str, request: Request) -> Response:
-    """The file, or 304 where the browser has it as it is; under the name of the present version it never changes."""
+    """The file, or 304 where the browser has it as it is; under the version that a page has last told it never changes,
+    as no page will ask for what has changed by that name."""
     version, _, rest = name.partition("/")
-    named = version == _version()
-    path = _found(rest if named else name)
+    named = version == _VERSION.told()
+    path = _found(rest if _IS_VERSION.fullmatch(version) else name)
     answer = FileAnswer(path, media_type=MEDIA_TYPES[path.suffix], stat_result=path.stat())
     if named:
         answer.headers["Cache-Control"] = LASTING
@@ -102,11 +104,28 @@ def _modules(folder: str) -> list[str]:
     return [path for path in _files() if path.startswith(f"{folder}/") and path.endswith(".js")]
 
 
-def _version() -> str:
-    """Of all files together, as they are now: one that is edited while the server runs is seen at once."""
-    states = [(name, path.stat()) for name, path in _files().items() if path.is_file()]
-    told = repr([(name, state.st_mtime_ns, state.st_size) for name, state in states])
-    return hashlib.sha256(told.encode()).hexdigest()[:12]
+_IS_VERSION = re.compile("[0-9a-f]{12}")
+
+
+class _Version:
+    """Of all files together. A look at it asks the system for the state of each of them: a page does so once, so that a
+    file that is edited while the server runs is seen at once, and none of its seventy files does again."""
+
+    def __init__(self) -> None:
+        self._told: str | None = None
+
+    def now(self) -> str:
+        states = [(name, path.stat()) for name, path in _files().items() if path.is_file()]
+        told = repr([(name, state.st_mtime_ns, state.st_size) for name, state in states])
+        self._told = hashlib.sha256(told.encode()).hexdigest()[:12]
+        return self._told
+
+    def told(self) -> str:
+        """What `now` said last."""
+        return self._told or self.now()
+
+
+_VERSION = _Version()
 
 
 @cache

@@ -145,7 +145,7 @@ def test_what_a_page_asks_for_may_be_kept_for_good_and_nothing_else(shared: Any)
     assert any(path.startswith("/viewer/") for path in named)
     for path in named:
         assert "immutable" in shared.client.get(path).headers["cache-control"]
+    # of another version, as a page may be that was opened before its files were edited
     for path in ("/static/style.css", "/static/0123456789ab/style.css"):
         answer = shared.client.get(path)
-        assert "immutable" not in answer.headers["cache-control"], path
-    assert answer.status_code == 404
+        assert answer.status_code == 200 and "immutable" not in answer.headers["cache-control"], path

@@ -19,8 +19,10 @@ NAME = "PMPNBP_INSTRUCTION_SET"
 OWN, BASELINE = "the processor's own", "the old common baseline"
 # Tests of what is served, kept, drawn on the page or written down, not of what is computed.
 WITHOUT_NUMBERS = (
+    "tests/batch",
     "tests/benchmarks",
     "tests/browser",
+    "tests/calibrate/test_command.py",
     "tests/client",
     "tests/docs",
     "tests/library",
@@ -28,6 +30,7 @@ WITHOUT_NUMBERS = (
     "tests/recording",
     "tests/reproduce/test_experiments.py",
     "tests/reproduce/test_runs.py",
+    "tests/runs",
     "tests/scene/test_model_rubbish.py",
     "tests/scene/test_scan_rubbish.py",
     "tests/scene/test_urdf.py",
@@ -51,6 +54,7 @@ WITHOUT_NUMBERS = (
             "compiled_kernels",
             "connections",
             "damaged_documents",
+            "estimate_command",
             "event_stream",
             "events",
             "graph",

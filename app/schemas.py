@@ -87,6 +87,10 @@ class Body(BaseModel):
         return members
 
 
+# Views that a session begins with, at most.
+MOST_SCANS = 32
+
+
 class SessionRequest(Body):
     """What a session is to look at, and how."""
 
@@ -94,7 +98,7 @@ class SessionRequest(Body):
     scan_ids: list[Annotated[str, Field(max_length=64)]] = Field(
         description="ids of the scans: views of one scene in one world frame",
         min_length=1,
-        max_length=32,
+        max_length=MOST_SCANS,
         examples=[["0123456789abcdef"]],
     )
     name: str | None = Field(

@@ -22,21 +22,19 @@ import re
 import secrets
 import shutil
 import threading
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
-from zipfile import BadZipFile
 
 from app.problems import HttpProblem
 from app.store import atomic_files
 from app.store.disk_room import DiskRoom, folder_size
 from app.store.idempotency import ANSWER, Call, IdempotencyKeys
 from app.store.stored_documents import is_sound
-from app.store.stored_scan import read_scan
+from app.store.stored_scan import UNREADABLE, read_scan
 from pmpnbp.errors import PmpnbpError, storage_told
 from pmpnbp.scene.observation import Scan
 
@@ -160,7 +158,7 @@ class Store:
         file = self.file("scans", id)
         try:
             return read_scan(file)
-        except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error):
+        except UNREADABLE:
             raise HttpProblem(404, f"scan '{id}' is damaged: its {file.name} cannot be read") from None
 
     def rename_recording(self, id: str, name: str) -> Document:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import zlib
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -11,6 +13,8 @@ from pmpnbp.geometry.camera import Camera
 from pmpnbp.scene.observation import Scan
 
 _INTRINSICS = ("fx", "fy", "cx", "cy")
+# What reading raises where the file is damaged.
+UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error)
 
 
 def write_scan(path: Path, scan: Scan) -> None:

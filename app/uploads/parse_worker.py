@@ -6,7 +6,8 @@ BYTES of memory is what the process may take, SECONDS of processor time what a f
 dies or says so. It says `{"ready": true}`, then reads files by the line on standard input, `{"kind", "path", "camera",
 "out"}` as JSON, the kind being models, scans or recordings, and answers each with a line: `{"summary": {…}}` or
 `{"error": "a sentence"}`. It ends with its input. A process serves several files, because its imports take longer than
-a file.
+a file. Of a model and scans that were taken in it also says, to `{"kind": "regions", "path", "scans"}`, where the one
+may stand in the others.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ def main(memory: int, seconds: float) -> None:
     for line in sys.stdin:
         _allow_processor_time(seconds)
         job = json.loads(line)
-        tempfile.tempdir = str(Path(job["path"]).parent)  # what a killed process leaves goes with the upload
+        # what a killed process leaves goes with the upload; beside what is stored already nothing may be left
+        tempfile.tempdir = None if job["kind"] == "regions" else str(Path(job["path"]).parent)
         _say(answers, _answer(readers[job["kind"]], job))
 
 
@@ -69,7 +71,7 @@ def _answer(read: Callable[[Job], Summary], job: Job) -> dict[str, Any]:
 
 def _readers() -> dict[str, Callable[[Job], Summary]]:
     """The readers by kind, with everything they need imported: later nothing is."""
-    from app.uploads.summaries import read_model, read_scan
+    from app.uploads.summaries import read_model, read_regions, read_scan
     from pmpnbp.recording import Recording
     from pmpnbp.recording.reopening import last_shown
     from pmpnbp.scene import lzf
@@ -80,6 +82,7 @@ def _readers() -> dict[str, Callable[[Job], Summary]]:
         "scans": lambda job: read_scan(
             Path(job["path"]), Path(job["camera"]) if job["camera"] else None, Path(job["out"])
         ),
+        "regions": lambda job: read_regions(Path(job["path"]), [Path(path) for path in job["scans"]]),
         "recordings": lambda job: _recording(job, Recording, last_shown),
     }
 

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -174,7 +174,15 @@ class Parsers:
         Raises HttpProblem 422 with the reader's sentence, or where it crashed or took too long; 503 where it was killed
         twice; 507 on a full disk.
         """
-        job = {"kind": kind, "path": str(path), "camera": None if camera is None else str(camera), "out": str(out)}
+        return self._summary(
+            {"kind": kind, "path": str(path), "camera": None if camera is None else str(camera), "out": str(out)}, path
+        )
+
+    def regions(self, model: Path, scans: Sequence[Path]) -> dict[str, Any]:
+        """Where the model may stand in scans, all of them taken in, as `app.uploads.summaries` tells it; likewise."""
+        return self._summary({"kind": "regions", "path": str(model), "scans": [str(path) for path in scans]}, model)
+
+    def _summary(self, job: Mapping[str, Any], path: Path) -> dict[str, Any]:
         try:
             answer = self._ask(job, path)
         except _Gone as gone:
@@ -187,7 +195,7 @@ class Parsers:
                     503, f"the process that reads '{path.name}' was killed twice; send it again later", headers=LATER
                 ) from None
         if "unexpected" in answer:
-            _log.warning("reading %s failed unexpectedly: %s", kind, answer["unexpected"])
+            _log.warning("reading %s failed unexpectedly: %s", job["kind"], answer["unexpected"])
         if "error" in answer:
             full = os.strerror(errno.ENOSPC) in answer["error"]
             raise HttpProblem(507 if full else 422, answer["error"])

@@ -1,17 +1,23 @@
-"""What REST shows of a model and of a scan, read from their files.
+"""What REST shows of a model, of a scan, and of where the one may stand in the other, read from their files.
 
 A file that somebody sends is read so in a process of its own, by `parse_worker`; one of the sample data by the server.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from app.store.stored_scan import write_scan
+from app.store.stored_scan import UNREADABLE, write_scan
+from app.store.stored_scan import read_scan as read_stored_scan
+from pmpnbp.errors import ScanError
 from pmpnbp.geometry import poses
+from pmpnbp.scene.articulated_object import ArticulatedObject
+from pmpnbp.scene.observation import Scan
+from pmpnbp.scene.regions import propose_regions
 from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.scene.urdf import load_model
 
@@ -61,4 +67,29 @@ def read_scan(path: Path, camera_path: Path | None, out: Path) -> Summary:
             "stamp": scan.stamp,
         },
         "bounds": [*points.min(axis=0).tolist(), *points.max(axis=0).tolist()],
+    }
+
+
+def read_regions(model: Path, scans: Sequence[Path]) -> Summary:
+    """The regions of the model in a file and of scans as the server keeps them. Raises PmpnbpError."""
+    found = load_model(model)
+    try:
+        loaded = [read_stored_scan(path) for path in scans]
+    except UNREADABLE:
+        raise ScanError("a scan is damaged: what the server keeps of it cannot be read") from None
+    return regions(loaded, found)
+
+
+def regions(scans: Sequence[Scan], model: ArticulatedObject) -> Summary:
+    """What `propose_regions` finds, as REST has it. Raises ScanError."""
+    return {
+        "regions": [
+            {
+                "roi": one.roi.round(4).tolist(),
+                "size": one.size.round(4).tolist(),
+                "points": one.points,
+                "unlikeness": one.unlikeness,
+            }
+            for one in propose_regions(scans, model)
+        ]
     }

@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike
 
 from pmpnbp.client import uploads
 from pmpnbp.client.calls import COMPUTING_SECONDS, Call, Calls, path_of, understood
-from pmpnbp.client.entries import Model, Scan
+from pmpnbp.client.entries import Model, Scan, regions_of
 from pmpnbp.client.session import RemoteSession
 from pmpnbp.client.uploads import FilePath, Members, ScanSource, known_id, prior_members
 from pmpnbp.errors import PmpnbpError, ServerError
+from pmpnbp.scene.region import Region
 from pmpnbp.settings import Method
 
 
@@ -110,6 +111,14 @@ class Client:
     def delete_scan(self, id: str) -> None:
         """Delete a scan that no session uses."""
         self._delete("scans", id)
+
+    def regions(self, model: Model | str, scans: Scan | str | Sequence[Scan | str]) -> list[Region]:
+        """Where in scans of the server's one of its models may stand, the likest first: boxes, of which one may be the
+        `roi` of a session. model, scans : what uploads gave, or ids; views of one scene"""
+        ids = [str(known_id(scan) or scan) for scan in _several(scans)]
+        found = self._calls.get("models", str(known_id(model) or model), "regions", scan_id=ids)
+        with understood("regions"):
+            return regions_of(found.json())
 
     def session(
         self,

@@ -1,4 +1,4 @@
-"""What does a server have? Models and scans, as they were taken in."""
+"""What does a server have? Models and scans, as they were taken in, and where the ones may stand in the others."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pmpnbp.scene.region import Region
 
 
 @dataclass(frozen=True)
@@ -111,3 +113,11 @@ class Scan:
             bounds=np.array(members["bounds"], dtype=np.float64),
             file_name=members["file_name"],
         )
+
+
+def regions_of(members: Mapping[str, Any]) -> list[Region]:
+    """As REST has them. Raises KeyError or TypeError where there are none."""
+    return [
+        Region(roi=np.array(one["roi"]), size=np.array(one["size"]), points=one["points"], unlikeness=one["unlikeness"])
+        for one in members["regions"]
+    ]

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from pmpnbp.client import event_stream, particles
 from pmpnbp.client.calls import COMPUTING_SECONDS, Call, Calls, path_of, understood
 from pmpnbp.client.decisions import Decision, View, question
-from pmpnbp.client.entries import Scan
+from pmpnbp.client.entries import Scan, regions_of
 from pmpnbp.client.event_stream import Event
 from pmpnbp.client.particles import Belief, Message, PosteriorDraws
 from pmpnbp.client.uploads import Members, ScanSource, known_id, prior_members, upload_scan
@@ -196,15 +196,7 @@ class RemoteSession:
         `reset(roi=…)` takes."""
         found = self._read("regions", httpx.Response.json, "regions")
         with understood("regions"):
-            return [
-                Region(
-                    roi=np.array(one["roi"]),
-                    size=np.array(one["size"]),
-                    points=one["points"],
-                    unlikeness=one["unlikeness"],
-                )
-                for one in found["regions"]
-            ]
+            return regions_of(found)
 
     def decision(
         self,

@@ -8,7 +8,7 @@ what lies behind: a box may be as large as an open laptop, but is none.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,11 +41,17 @@ AS_BAD = 0.1
 class Shapes:
     """The model's surface in each of its S `configurations`.
 
-    points : (S, P, 3) metres, z upward, about the middle of their box; trees : S, of the same points
+    points : (S, P, 3) metres, z upward, about the middle of their box
     """
 
     points: Array
-    trees: tuple[cKDTree, ...]
+    _trees: dict[int, cKDTree] = field(default_factory=dict)
+
+    def tree(self, number: int) -> cKDTree:
+        """Of the points of configuration `number`, made when it is first tried: most never are."""
+        if number not in self._trees:
+            self._trees[number] = cKDTree(self.points[number])
+        return self._trees[number]
 
 
 @dataclass(frozen=True)
@@ -69,7 +75,7 @@ def shapes(model: ArticulatedObject) -> Shapes:
     ]
     points = np.concatenate(each, axis=1)
     points -= (points.min(axis=1, keepdims=True) + points.max(axis=1, keepdims=True)) / 2
-    return Shapes(points, tuple(cKDTree(one) for one in points))
+    return Shapes(points)
 
 
 def best_fit(own: Array, model: Shapes, likest: NDArray[np.int64], scans: Sequence[Scan], to_world: Array) -> Fit:
@@ -88,11 +94,11 @@ def best_fit(own: Array, model: Shapes, likest: NDArray[np.int64], scans: Sequen
         apart = few - shift[:, None] - _turned(nearest, angles)
         step = apart.mean(axis=1, keepdims=True)
         shift = shift + step[:, 0]
-        off = np.minimum(np.linalg.norm(apart - step, axis=-1), FARTHEST)
+        off = np.minimum(np.linalg.norm(apart - step, axis=-1), FARTHEST).mean(axis=-1)
         surface = _turned(_evenly(model.points[number], FEW[1]), angles) + shift[:, None]
         through = _seen_through(poses.rotate(to_world, surface), scans)
         tried += [
-            (float(through[k] + off[k].mean() / as_bad), int(number), angles[k : k + 1], shift[k : k + 1])
+            (float(through[k] + off[k] / as_bad), int(number), angles[k : k + 1], shift[k : k + 1])
             for k in range(TURNS)
         ]
     tried.sort(key=lambda one: one[0])
@@ -129,7 +135,7 @@ def _followed(
 def _nearest(own: Array, model: Shapes, number: int, angles: Array, shifts: Array) -> tuple[Array, Array]:
     """(A, P) metres from `own` (P, 3) to the surface turned by `angles` (A,) and shifted by `shifts` (A, 3), at most
     FARTHEST, and its nearest points (A, P, 3), before that."""
-    distance, nearest = model.trees[number].query(_turned(own - shifts[:, None], -angles))
+    distance, nearest = model.tree(number).query(_turned(own - shifts[:, None], -angles))
     return np.minimum(distance, FARTHEST), model.points[number][nearest]
 
 

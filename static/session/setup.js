@@ -5,6 +5,7 @@
 import { addFiles } from "./add_files.js";
 import { call, sessionPath } from "./api.js";
 import { byId, h, sentence, setContent, setText } from "./dom.js";
+import { sessionId } from "./scene_frame.js";
 import { isRecording, state, subscribe, update } from "./state.js";
 import { follow } from "./timeline.js";
 import { changeView } from "./view.js";
@@ -18,6 +19,11 @@ let regions = []; // as GET regions has them
 let own = null; // the box as it was drawn by hand, apart from those
 let asked = ""; // of which scans the regions are known
 
+const first = new URLSearchParams(location.search).has("setup"); // whether the page begins with this
+// Asked for before the 3D view keeps the browser busy, where they are what is wanted.
+let ahead = first ? whatStands() : null;
+ahead?.catch(() => {}); // whoever awaits it hears of it
+
 export function install() {
   byId("setup-run").addEventListener("click", run);
   byId("setup-close").addEventListener("click", close);
@@ -26,7 +32,7 @@ export function install() {
   byId("setup-draw").addEventListener("click", drawBox);
   byId("setup-files").addEventListener("change", ({ target }) => addView(target));
   subscribe(["view", "session"], show);
-  if (new URLSearchParams(location.search).has("setup") && !isRecording()) open();
+  if (first && !isRecording()) open();
 }
 
 export const isOpen = () => !byId("setup").hidden;
@@ -60,13 +66,18 @@ async function propose() {
   if (asked === scans) return offer();
   setText(byId("setup-title"), "Looking at what stands in the scan…");
   try {
-    regions = (await call(`${sessionPath(state.id)}/regions`)).regions;
+    regions = (await (ahead ?? whatStands())).regions;
     asked = scans;
   } catch (problem) {
     regions = [];
     wrong(problem.message);
   }
+  ahead = null;
   offer();
+}
+
+function whatStands() {
+  return call(`${sessionPath(sessionId)}/regions`);
 }
 
 function offer() {

@@ -1,7 +1,7 @@
 // Which models, scans and recordings are kept on the server? One list of each, asked for at the start and after each
 // change, for all parts of the page.
 
-import { call, sessionPath } from "../session/api.js";
+import { call } from "../session/api.js";
 import { trouble } from "./confirm.js";
 
 // In a session's address: it is to be asked where the object stands.
@@ -34,12 +34,18 @@ export async function openNew(path, members, button, place, query) {
   trouble(place, "");
   button.disabled = true;
   try {
-    const session = await call(`/api/v1/${path}`, { method: "POST", body: members() });
-    // what its page asks for first takes the server a while, and the browser takes as long to get there
-    if (query === SETUP) fetch(`${sessionPath(session.id)}/regions`, { keepalive: true }).catch(() => {});
+    const body = members();
+    if (query === SETUP) askAhead(body);
+    const session = await call(`/api/v1/${path}`, { method: "POST", body });
     location.assign(session.view_url + query);
   } catch (problem) {
     trouble(place, problem.message);
   }
   button.disabled = false;
+}
+
+// What the new session's page asks for first takes the server as long as the browser takes to get there.
+function askAhead({ model_id, scan_ids }) {
+  const scans = scan_ids.map((id) => `scan_id=${id}`).join("&");
+  fetch(`/api/v1/models/${model_id}/regions?${scans}`, { keepalive: true }).catch(() => {});
 }

@@ -11,6 +11,7 @@ import pytest
 
 from pmpnbp.client.client import Client
 from tests.app import small_sessions as small
+from tests.app.upload_calls import upload
 
 GAUSSIAN = {
     "kind": "gaussian",
@@ -85,6 +86,39 @@ def test_the_client_asks_for_regions_and_begins_anew(shared: Any, everywhere: st
         assert session.reset(roi=first.roi, prior=GAUSSIAN)["roi"] == first.roi.tolist()
         assert session.status()["prior"] == GAUSSIAN
         assert session.reset()["roi"] == first.roi.tolist()
+
+
+def test_they_are_there_before_a_session(shared: Any, client: httpx.Client, everywhere: str) -> None:
+    like = client.get(everywhere).json()
+    model, scan = like["model_id"], like["scan_ids"][0]
+    of_session = client.get(f"{everywhere}/regions").json()
+    assert client.get(f"/api/v1/models/{model}/regions", params={"scan_id": [scan, scan]}).json() == of_session
+    with Client(shared.url) as server:
+        found = server.regions(model, scan)
+        assert [one.roi.tolist() for one in found] == [one["roi"] for one in of_session["regions"]]
+        assert [one.roi.tolist() for one in server.regions(server.models()[0], [server.scans()[0]])]
+
+    path = f"/api/v1/models/{model}/regions"
+    small.problem(client.get(path), 422, "scan_id")
+    small.problem(client.get(path, params={"scan_id": [scan] * 33}), 422, "scan_id")
+    small.problem(client.get(path, params={"scan_id": "0123456789abcdef"}), 404, "scan '0123456789abcdef' is not here")
+    other = client.get("/api/v1/models/0123456789abcdef/regions", params={"scan_id": scan})
+    small.problem(other, 404, "model '0123456789abcdef' is not here")
+
+
+def test_a_recording_has_those_of_its_session(client: httpx.Client, everywhere: str) -> None:
+    file = client.get(f"{everywhere}/recording").content
+    recording = upload(client, "recordings", "a.sqlite", file).json()["id"]
+    of_session = client.get(f"{everywhere}/regions").json()
+    assert client.get(f"/api/v1/sessions/{recording}/regions").json() == of_session
+
+
+def test_a_scan_that_is_damaged_on_the_disk_is_said(shared: Any, client: httpx.Client) -> None:
+    model, scan = small.upload_model(client), small.upload_scan(client)
+    (place,) = (shared.config.data_dir / "scans" / scan).glob("*.npz")
+    place.write_bytes(place.read_bytes()[:500])
+    answer = client.get(f"/api/v1/models/{model}/regions", params={"scan_id": scan})
+    small.problem(answer, 422, "a scan is damaged")
 
 
 def test_a_session_that_is_not_here_has_none(client: httpx.Client) -> None:

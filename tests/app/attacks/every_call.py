@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -21,6 +22,8 @@ _BODIES: Mapping[str, Any] = {
     "{session_id}": {"config": {"joint_draws": 3}},
     "{recording_id}": {"name": "a name"},
 }
+# Queries that a GET cannot do without, by the end of its path.
+_QUERIES: Mapping[str, str] = {"{model_id}/regions": "?scan_id={scan_id}"}
 # Of one call, seconds: none of them has more to do than a few iterations of a small session.
 PATIENCE = 60.0
 NAMES = {"link": "drawer1", "sender": "frame", "receiver": "drawer1", "index": "0", "view_id": "attacked"}
@@ -30,7 +33,8 @@ def reads(client: httpx.Client, names: Mapping[str, str]) -> Iterator[tuple[str,
     """Every GET whose path `names` can fill, but the streams: what was asked, and the answer."""
     for method, path, operation in operations(client):
         if method == "GET" and "text/event-stream" not in json.dumps(operation.get("responses", {})):
-            place = filled(path, names)
+            query = next((query for end, query in _QUERIES.items() if path.endswith(end)), "")
+            place = filled(path + query, names)
             if place is not None:
                 yield f"GET {path}", asked(client, "GET", place)
 
@@ -82,5 +86,5 @@ def operations(client: httpx.Client) -> Iterator[tuple[str, str, Mapping[str, An
 def filled(path: str, names: Mapping[str, str]) -> str | None:
     """The path with its names; None where one is missing."""
     known = NAMES | dict(names)
-    needed = [part[1:-1] for part in path.replace(".", "/").split("/") if part.startswith("{")]
+    needed = re.findall(r"{(\w+)}", path)
     return None if any(name not in known for name in needed) else path.format(**known)

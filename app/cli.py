@@ -19,6 +19,7 @@ from app.help_examples import example
 from app.option_values import OPTIONS, assignment, option, server_value, whole, within
 from app.server_config import ServerConfig, environment_name
 from pmpnbp.errors import PmpnbpError
+from pmpnbp.importing import many_modules
 from pmpnbp.settings import SessionOptions
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
@@ -50,7 +51,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         compiled_kernels.choose()
         # imported here: what a command needs takes long to import, and no other command should wait for it
-        return importlib.import_module(f"app.commands.{arguments.command}").run(arguments)
+        with many_modules():
+            command = importlib.import_module(f"app.commands.{arguments.command}")
+        return command.run(arguments)
     except PmpnbpError as error:
         sys.stderr.write(f"pmpnbp {arguments.command}: {error}\n")
         return BAD_INPUT

@@ -12,6 +12,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from pmpnbp.errors import PmpnbpError
+from pmpnbp.importing import many_modules
 
 if TYPE_CHECKING:
     from pmpnbp.client.client import Client
@@ -59,7 +60,8 @@ def __getattr__(name: str) -> Any:
         return version()
     if name not in _PLACES:
         raise AttributeError(f"module 'pmpnbp' has no attribute '{name}'")
-    found = getattr(importlib.import_module(_PLACES[name]), name)
+    with many_modules():
+        found = getattr(importlib.import_module(_PLACES[name]), name)
     globals()[name] = found
     return found
 

@@ -11,6 +11,7 @@ from app.commands.estimate import INTERRUPTED, OK, InputError, settings_of
 from app.commands.progress import announce, rows_bar
 from pmpnbp.batch.manifest import read_manifest
 from pmpnbp.batch.row import OPTIONS
+from pmpnbp.importing import many_modules
 from pmpnbp.settings import changed, preset
 
 if TYPE_CHECKING:
@@ -27,7 +28,8 @@ def run(arguments: argparse.Namespace) -> int:
     rows = read_manifest(manifest, _for_all(arguments))
     announce(arguments.quiet)
     # imported here: it compiles a kernel, before which a word is said
-    from pmpnbp.batch.run import batch
+    with many_modules():
+        from pmpnbp.batch.run import batch
 
     out = arguments.out or Path("out") / f"batch_{manifest.resolve().stem}"
     done = failed = 0

@@ -7,6 +7,7 @@ import importlib
 from types import ModuleType
 
 from pmpnbp.errors import PmpnbpError
+from pmpnbp.importing import many_modules
 
 OK = 0
 
@@ -24,7 +25,8 @@ def run(arguments: argparse.Namespace) -> int:
 def load(module: str) -> ModuleType:
     """A module of the package `benchmarks`. Raises MissingPackageError where it cannot be imported."""
     try:
-        return importlib.import_module(module)
+        with many_modules():
+            return importlib.import_module(module)
     except ModuleNotFoundError as error:
         if error.name == "matplotlib":
             raise MissingPackageError("figures need matplotlib: pip install 'pmpnbp[reproduce]'") from None

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.commands.progress import Progress, announce, reading_out
 from pmpnbp.errors import PmpnbpError, RecordingError, ScanError, SettingError
+from pmpnbp.importing import many_modules
 from pmpnbp.json_text import json_to_read
 from pmpnbp.settings import changed, preset
 
@@ -38,7 +39,8 @@ def run(arguments: argparse.Namespace) -> int:
     cameras = _cameras(arguments.camera, arguments.scans)
     announce(arguments.quiet)
     # imported here: it compiles a kernel, before which a word is said
-    from pmpnbp.library.session import Session
+    with many_modules():
+        from pmpnbp.library.session import Session
 
     with Session(
         arguments.model,

@@ -23,6 +23,7 @@ from app.http.protocols import HttpProtocol, WebsocketProtocol
 from app.memory import hold_less, keep_for_good
 from app.server_config import ServerConfig, config_from
 from pmpnbp.errors import PmpnbpError
+from pmpnbp.importing import many_modules
 
 OK = 0
 # For requests that are being answered when the server is told to stop; streams end at once.
@@ -94,7 +95,8 @@ def serve(config: ServerConfig, level: int, opened: Callable[[FastAPI, ServerCon
     hold_less()
     listening = _listen(config)
     config = replace(config, port=listening.getsockname()[1])
-    from app.server import close_all, create_app, open_all  # seconds of imports: bad settings are said before
+    with many_modules():
+        from app.server import close_all, create_app, open_all  # seconds of imports: bad settings are said before
 
     app = create_app(config)
     keep_for_good()

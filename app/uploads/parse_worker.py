@@ -26,6 +26,7 @@ from typing import IO, Any
 from urllib.parse import quote
 
 from pmpnbp.errors import PmpnbpError, RecordingError
+from pmpnbp.importing import many_modules
 from pmpnbp.names import name_fault
 
 # Of one file: a mesh that a zip unpacks to, or the scan that is written.
@@ -45,7 +46,8 @@ def main(memory: int, seconds: float) -> None:
     ):
         with suppress(ValueError, OSError):
             resource.setrlimit(limit, (value, value))
-    readers = _readers()
+    with many_modules():
+        readers = _readers()
     _say(answers, {"ready": True})
     for line in sys.stdin:
         _allow_processor_time(seconds)

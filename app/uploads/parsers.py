@@ -27,7 +27,8 @@ MOST_IDLE = 2
 # With the answer to an upload whose reader was killed.
 LATER = {"Retry-After": "10"}
 
-# What Python and its libraries need of the environment; it may hold secrets that are no upload's business.
+# What Python and its libraries need of the environment, and what says which instructions the numbers come from, which
+# have to be the server's; it may hold secrets that are no upload's business.
 _ENVIRONMENT = frozenset(
     {
         "PATH",
@@ -47,6 +48,9 @@ _ENVIRONMENT = frozenset(
         "NUMBA_CACHE_DIR",
         "NUMBA_CPU_NAME",
         "NUMBA_CPU_FEATURES",
+        "NPY_DISABLE_CPU_FEATURES",
+        "OPENBLAS_CORETYPE",
+        "GLIBC_TUNABLES",
     }
 )
 

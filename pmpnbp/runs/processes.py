@@ -18,6 +18,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from pmpnbp.errors import RunError
+from pmpnbp.importing import many_modules
 
 # Of what may compute with several threads, the variables that say with how many.
 _THREADS = ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
@@ -84,7 +85,9 @@ def _work(connection: Connection, packed: bytes, processes: int) -> None:
         while True:
             asked = connection.recv()
             try:
-                told = (True, pickle.loads(packed)(asked))
+                with many_modules():
+                    perform = pickle.loads(packed)
+                told = (True, perform(asked))
             except Exception as error:
                 error.add_note("".join(traceback.format_exception(error)))
                 told = (False, _as_sent(error))

@@ -32,10 +32,11 @@ _RECONNECT = "<script>document.hasFocus = () => true;</script>"
 _SAYS_DRAWN = """<script>
 {
   const context = WebGL2RenderingContext.prototype, draw = context.drawArrays;
+  let told = false;
   context.drawArrays = function (mode, ...range) {
     draw.call(this, mode, ...range);
-    if (mode !== this.POINTS) return;
-    context.drawArrays = draw;
+    if (told || mode !== this.POINTS) return;
+    told = true;
     for (const heard of [window, window.frameElement]) heard?.dispatchEvent(new Event("drawn"));
   };
 }
@@ -45,21 +46,40 @@ _SAYS_DRAWN = """<script>
 # smoothed, there is a pause between two frames, but for the first ones and for a moment after a hand has moved, and
 # viser's frame a second for no reason comes every five. viser goes on drawing for 250 ms after each change; while the
 # session iterates, which the page around says by `data-busy`, the pause outlasts that, and a change is two frames
-# instead of four.
+# instead of four. While something moves, one in FEWER of the squares is drawn (the first ones, which are spread over
+# all), smaller, and all of them once it stands still.
 _ECONOMY = """<script>
 if (new URLSearchParams(location.search).has("economy")) {
   const PAUSE = 150, BUSY = 270, MOVING = 500, BEAT = 1000, RARE = 5000, FIRST = 5000; // milliseconds
+  const FEWER = 6, SMALLER = 0.75;
+  let beat = () => {}; // has a frame drawn
   const every = window.setInterval.bind(window);
-  window.setInterval = (act, delay, ...given) => every(act, delay === BEAT ? RARE : delay, ...given);
-  const context = HTMLCanvasElement.prototype.getContext;
+  window.setInterval = (act, delay, ...given) => {
+    if (delay === BEAT) beat = act;
+    return every(act, delay === BEAT ? RARE : delay, ...given);
+  };
+  const getContext = HTMLCanvasElement.prototype.getContext;
   HTMLCanvasElement.prototype.getContext = function (kind, options) {
-    return context.call(this, kind, kind.startsWith("webgl") ? { ...options, antialias: false } : options);
+    return getContext.call(this, kind, kind.startsWith("webgl") ? { ...options, antialias: false } : options);
   };
   let last = -Infinity, moved = performance.now() + FIRST, count = 0;
-  addEventListener("drawn", () => { moved = -Infinity; }, { once: true });
+  let moves = true, still;
+  const move = () => {
+    moves = true;
+    clearTimeout(still);
+    still = setTimeout(() => { moves = false; beat(); }, MOVING);
+  };
+  addEventListener("drawn", () => { moved = -Infinity; move(); }, { once: true });
   for (const hand of ["pointerdown", "pointermove", "wheel", "keydown"]) {
-    addEventListener(hand, (event) => { if (event.buttons || !event.pointerType) moved = performance.now(); }, true);
+    addEventListener(hand, (event) => {
+      if (!event.buttons && event.pointerType) return;
+      moved = performance.now();
+      move();
+    }, true);
   }
+  const around = window.frameElement;
+  const busy = () => around?.dataset.busy !== undefined;
+  if (around) new MutationObserver(move).observe(around, { attributeFilter: ["data-busy"] });
   const soon = window.requestAnimationFrame.bind(window), never = window.cancelAnimationFrame.bind(window);
   const waiting = new Map(); // by the number that was given out, what ends the wait
   window.requestAnimationFrame = (draw) => {
@@ -72,8 +92,7 @@ if (new URLSearchParams(location.search).has("economy")) {
       });
       waiting.set(id, () => never(frame));
     };
-    const wanted = window.frameElement?.dataset.busy === undefined ? PAUSE : BUSY;
-    const pause = performance.now() - moved < MOVING ? 0 : last + wanted - performance.now();
+    const pause = performance.now() - moved < MOVING ? 0 : last + (busy() ? BUSY : PAUSE) - performance.now();
     if (pause > 0) {
       const timer = setTimeout(ask, pause);
       waiting.set(id, () => clearTimeout(timer));
@@ -83,6 +102,33 @@ if (new URLSearchParams(location.search).has("economy")) {
   window.cancelAnimationFrame = (id) => {
     waiting.get(id)?.();
     waiting.delete(id);
+  };
+
+  // By how far a point's corners reach viser's shader is told its shape, a square's farthest.
+  const context = WebGL2RenderingContext.prototype;
+  const { drawArrays, getUniformLocation, uniform1f, useProgram } = context;
+  const drawing = new WeakMap(); // by program, of points: where it is told that and how much smaller; whether squares
+  let now; // of the program in use
+  context.getUniformLocation = function (program, name) {
+    const place = getUniformLocation.call(this, program, name);
+    if (name === "point_ball_norm") {
+      drawing.set(program, { reach: place, smaller: getUniformLocation.call(this, program, "smaller"), square: false });
+    }
+    return place;
+  };
+  context.useProgram = function (program) {
+    useProgram.call(this, program);
+    now = program ? drawing.get(program) : undefined;
+  };
+  context.uniform1f = function (place, value) {
+    uniform1f.call(this, place, value);
+    if (place === now?.reach) now.square = value >= 1000;
+  };
+  context.drawArrays = function (mode, first, points) {
+    if (!now?.square || !(moves || busy())) return drawArrays.call(this, mode, first, points);
+    uniform1f.call(this, now.smaller, 1 - SMALLER);
+    drawArrays.call(this, mode, first, Math.ceil(points / FEWER));
+    uniform1f.call(this, now.smaller, 0);
   };
 }
 </script>"""

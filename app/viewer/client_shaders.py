@@ -3,7 +3,8 @@
 A scan's points lie on the very surfaces that the estimate is drawn on, and noise has every other one before them:
 points are drawn as if they were a share of their distance farther away, and a surface that fits them is whole. It moves
 nothing in the picture: of a point only the depth changes that surfaces are compared with. Labels are black on white in
-viser whatever the scheme; here each frame asks which one it is.
+viser whatever the scheme; here each frame asks which one it is. A share by which points are `smaller` is for
+`client_page`.
 """
 
 from __future__ import annotations
@@ -36,7 +37,10 @@ SHADERS = f"""<script>
   context.shaderSource = function (shader, text) {{
     let told = text;
     if (text.includes("gl_PointSize") && text.includes("projectionMatrix")) {{
-      told = text.replace(/}}\\s*$/, `gl_Position.z -= ${{FARTHER}} * projectionMatrix[3][2]; }}`);
+      told = text
+        .replace("void main", "uniform float smaller;\\nvoid main")
+        .replace(/}}\\s*$/, "gl_PointSize *= 1.0 - smaller; }}")
+        .replace(/}}$/, `gl_Position.z -= ${{FARTHER}} * projectionMatrix[3][2]; }}`);
     }}
     for (const [theirs, ours] of Object.entries(LABELS)) {{
       if (text.includes(theirs)) {{

@@ -18,7 +18,19 @@ from app.viewer.emphasis import FADED, INK, QUIET, faded, mixed, paled
 from app.viewer.gizmos import ACCENT, gizmos
 from app.viewer.particles import particles, weighs
 from app.viewer.scan_points import ScanPoints
-from app.viewer.scene_frame import Axes, Ellipsoids, Frustum, Label, Lines, Node, Points, SceneFrame, Surface, Targets
+from app.viewer.scene_frame import (
+    Axes,
+    Ellipsoids,
+    Frustum,
+    Label,
+    Lines,
+    Node,
+    Points,
+    PointShape,
+    SceneFrame,
+    Surface,
+    Targets,
+)
 from app.viewer.stage import Stage
 from app.viewer.view_state import Theme, ViewState
 from pmpnbp.geometry import poses
@@ -34,8 +46,8 @@ BEST = 24
 # Sizes as shares of the object's.
 POINT, MESSAGE_POINT, AXIS, FRUSTUM, MARK = 0.006, 0.010, 0.06, 0.10, 0.008
 # Of a scan's points, as a share of the space between two: of the object, where the estimate shows between them, and
-# around it. Where the processor draws they are squares, and those around the object smaller: area takes time.
-SPACED, SPARED = (0.55, 1.1), 0.75
+# around it.
+SPACED = 0.55, 1.1
 # How opaque: the estimate lets its particles shine through, where there are some.
 ESTIMATE, WITH_PARTICLES, FAINT, GHOST, SUPPORT, ELLIPSOID = 0.94, 0.74, 0.12, 0.22, 0.30, 0.6
 # Draws of the posterior whose outlines are drawn, and how far towards the background: of parts that are faded farther.
@@ -130,13 +142,9 @@ def _scans(snapshot: Snapshot, state: ViewState, stage: Stage, part_poses: Array
             painted = (cloud.depth_colours if state.colour_scan == "depth" else cloud.plain_colours)[state.theme]
             if explained is not None:
                 painted = explained[cloud.which]
-            points, size = cloud.points, size * scan.spacing
-            if state.economy:
-                points, painted = points[cloud.coarse], painted[cloud.coarse]
-                size *= 1.0 if cloud.block == (1, 1) else SPARED
-            yield Points(
-                f"/scan/{number}/{name}", points, painted, size, "square" if state.economy else "circle", exact=False
-            )
+            # where little is to be drawn, squares are those points of which the browser may leave some out
+            shape: PointShape = "square" if state.economy and name == "around" else "circle"
+            yield Points(f"/scan/{number}/{name}", cloud.points, painted, size * scan.spacing, shape, exact=False)
 
 
 def _frustum(name: str, cloud: ScanPoints, stage: Stage, state: ViewState) -> Frustum:

@@ -25,8 +25,9 @@ from pmpnbp.scene.observe import pixel_categories
 
 # A part of more triangles than this is drawn by its inference mesh: every one of them goes to the browser.
 MOST_TRIANGLES = 20_000
-# In a coarse cloud one pixel of each block is, of so many rows and columns: of what may be the object, and around it.
-BLOCKS = (1, 1), (2, 3)
+# The points around the object begin with one pixel of each block, of so many rows and columns: without a graphics card
+# no others are drawn while something moves.
+BLOCK = (2, 3)
 # Half a support plane's square, as a share of the object's size.
 SQUARE = 1.2
 # Of the lines along a part's edges, the longest.
@@ -50,12 +51,9 @@ class Shape:
 @dataclass(frozen=True)
 class Cloud:
     """Some points of a scan. which : (P,) their numbers in it; points : (P, 3) world
-    coarse : (P,) bool, one of each `block` of rows and columns of pixels, which show the same, less finely
     depth_colours, plain_colours : (P, 3), for each theme"""
 
     which: NDArray[np.intp]
-    coarse: NDArray[np.bool_]
-    block: tuple[int, int]
     points: Floats
     depth_colours: Mapping[Theme, Bytes]
     plain_colours: Mapping[Theme, Bytes]
@@ -114,19 +112,16 @@ def _square(plane: Array, near: Array, reach: float) -> Floats:
 
 
 def _clouds(scan: ScanPoints, category: NDArray[np.uint8]) -> tuple[Cloud, Cloud]:
-    """The points that may be the object, and all others."""
-    inner, outer = BLOCKS
+    """The points that may be the object, and all others, of those one of each BLOCK first."""
     own, others = np.flatnonzero(category == OBJECT), np.flatnonzero(category != OBJECT)
-    return (_cloud(scan, own, inner, scan.depth_colours), _cloud(scan, others, outer, scan.around_colours))
+    first = _one_of_each_block(scan.measured.shape, BLOCK)[scan.measured][others]
+    others = np.concatenate([others[first], others[~first]])
+    return _cloud(scan, own, scan.depth_colours), _cloud(scan, others, scan.around_colours)
 
 
-def _cloud(
-    scan: ScanPoints, which: NDArray[np.intp], block: tuple[int, int], depth_colours: Mapping[Theme, Bytes]
-) -> Cloud:
+def _cloud(scan: ScanPoints, which: NDArray[np.intp], depth_colours: Mapping[Theme, Bytes]) -> Cloud:
     return Cloud(
         which,
-        _one_of_each_block(scan.measured.shape, block)[scan.measured][which],
-        block,
         scan.points[which],
         {theme: depth_colours[theme][which] for theme in THEMES},
         {theme: scan.plain_colours[theme][which] for theme in THEMES},

@@ -1,5 +1,5 @@
-// Without a graphics card the 3D view shows fewer of the scan's points and, while the session runs, a picture every two
-// seconds. `?economy=0` in the page's address has it draw all, and `?economy=1` little. Where so many look that the
+// Without a graphics card the 3D view shows fewer of the scan's points while something moves and, while the session runs,
+// a picture every two seconds. `?economy=0` in the page's address has it draw all, and `?economy=1` little. Where so many look that the
 // server draws this view less often, that is said below the scene.
 
 import { byId, setText } from "./dom.js";
@@ -14,5 +14,7 @@ export function install() {
     byId("slowed").hidden = !state.view.slowed;
     setText(byId("slowed"), state.view.slowed ?? "");
   });
-  subscribe(["session"], () => byId("scene").toggleAttribute("data-busy", state.session?.state === "running"));
+  subscribe(["session", "playback"], () =>
+    byId("scene").toggleAttribute("data-busy", state.playback || state.session?.state === "running"),
+  );
 }

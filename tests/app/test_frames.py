@@ -302,13 +302,27 @@ def test_a_scans_points_are_where_its_pixels_are() -> None:
     np.testing.assert_allclose(depth[rows, columns], seen[:, 2], atol=1e-5)
 
 
-def test_economy_leaves_out_points_around_the_object_only() -> None:
+def test_economy_may_leave_out_points_around_the_object_only() -> None:
     whole, sparing = (drawn(only("scan", economy=economy)) for economy in (False, True))
-    for name, kept in (("object", 1.0), ("around", 1 / 6)):
+    for name, shape in (("object", "circle"), ("around", "square")):
         every, some = (shown(Points, found, f"/scan/0/{name}") for found in (whole, sparing))
-        assert len(some.points) == pytest.approx(kept * len(every.points), rel=0.05)
-        assert {tuple(point) for point in some.points} <= {tuple(point) for point in every.points}
-        assert len(some.colours) == len(some.points)
+        assert (every.shape, some.shape) == ("circle", shape)
+        np.testing.assert_array_equal(some.points, every.points)
+
+
+def test_the_first_points_around_the_object_are_spread_over_all() -> None:
+    """One of each block of pixels: where there are any, there is one of the first nearby, and few twice."""
+    whole = scene()
+    points = shown(Points, drawn(only("scan")), "/scan/0/around").points.astype(float)
+    first = points[: len(points) // 6]
+    camera = whole.scan.camera
+    pixels = [
+        camera.project(poses.transform_points(poses.inverse(camera.pose_world_camera), some))[:, :2].round()
+        for some in (points, first)
+    ]
+    step = np.array([3, 2]) * camera.width / whole.stage.scans[0].camera.width
+    every, of_first = ({tuple(block) for block in (found // step).astype(int)} for found in pixels)
+    assert len(of_first) > 0.9 * len(first) and len(of_first) > 0.8 * len(every)
 
 
 def test_the_frustum_is_the_scans_camera() -> None:

@@ -61,6 +61,41 @@ def test_without_a_graphics_card_less_is_drawn_unless_somebody_wants_it(
     wait(page, lambda: view(page, served)["economy"] is False)
 
 
+# Notes how many points the largest cloud had that was drawn since somebody asked.
+_MOST = """{
+  const place = WebGL2RenderingContext.prototype, draw = place.drawArrays;
+  window.most = 0;
+  place.drawArrays = function (mode, first, count) {
+    if (mode === this.POINTS) window.most = Math.max(window.most, count);
+    draw.call(this, mode, first, count);
+  };
+}"""
+
+
+def test_without_a_graphics_card_all_points_are_drawn_once_nothing_moves(
+    page: Page, served: Served, session: str
+) -> None:
+    def most() -> int:
+        asked = "(() => { const { most } = scene.contentWindow; scene.contentWindow.most = 0; return most; })()"
+        return int(page.evaluate(asked))
+
+    page.add_init_script(_MOST)
+    page = opened(page, served, session)
+    wait(page, lambda: most() > 50_000)
+    box = page.locator("#scene").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 300, box["y"] + 200)
+    page.mouse.down()
+    seen = []
+    while len(seen) < 6:
+        for step in range(8):
+            page.mouse.move(box["x"] + 300 + 4 * step, box["y"] + 200)
+        seen += [one for one in [most()] if one]
+    page.mouse.up()
+    assert max(seen[2:]) < 20_000  # what was under way before the hand moved may have been all
+    wait(page, lambda: most() > 50_000)
+
+
 def test_each_layer_is_drawn_by_its_switch(page: Page, served: Served, session: str) -> None:
     """One at a time over an empty scene; switched off again, the scene is as empty as before."""
     page = opened(page, served, session)

@@ -46,11 +46,12 @@ _SAYS_DRAWN = """<script>
 # smoothed, there is a pause between two frames, but for the first ones and for a moment after a hand has moved, and
 # viser's frame a second for no reason comes every five. viser goes on drawing for 250 ms after each change; while the
 # session iterates, which the page around says by `data-busy`, the pause outlasts that, and a change is two frames
-# instead of four. While something moves, one in FEWER of the squares is drawn (the first ones, which are spread over
-# all), smaller, and all of them once it stands still.
+# instead of four. While something moves, also as the page plays (`data-plays`), one in FEWER of the squares is drawn,
+# the first ones, which are spread over all, and smaller; all of them once it has been still: such a frame takes twice
+# as long.
 _ECONOMY = """<script>
 if (new URLSearchParams(location.search).has("economy")) {
-  const PAUSE = 150, BUSY = 270, MOVING = 500, BEAT = 1000, RARE = 5000, FIRST = 5000; // milliseconds
+  const PAUSE = 150, BUSY = 270, MOVING = 500, BEAT = 1000, RARE = 5000, FIRST = 5000, STILL = 1200; // milliseconds
   const FEWER = 6, SMALLER = 0.75;
   let beat = () => {}; // has a frame drawn
   const every = window.setInterval.bind(window);
@@ -67,7 +68,7 @@ if (new URLSearchParams(location.search).has("economy")) {
   const move = () => {
     moves = true;
     clearTimeout(still);
-    still = setTimeout(() => { moves = false; beat(); }, MOVING);
+    still = setTimeout(() => { moves = false; beat(); }, STILL);
   };
   addEventListener("drawn", () => { moved = -Infinity; move(); }, { once: true });
   for (const hand of ["pointerdown", "pointermove", "wheel", "keydown"]) {
@@ -79,7 +80,8 @@ if (new URLSearchParams(location.search).has("economy")) {
   }
   const around = window.frameElement;
   const busy = () => around?.dataset.busy !== undefined;
-  if (around) new MutationObserver(move).observe(around, { attributeFilter: ["data-busy"] });
+  const changes = () => moves || busy() || around?.dataset.plays !== undefined;
+  if (around) new MutationObserver(move).observe(around, { attributeFilter: ["data-busy", "data-plays"] });
   const soon = window.requestAnimationFrame.bind(window), never = window.cancelAnimationFrame.bind(window);
   const waiting = new Map(); // by the number that was given out, what ends the wait
   window.requestAnimationFrame = (draw) => {
@@ -125,7 +127,7 @@ if (new URLSearchParams(location.search).has("economy")) {
     if (place === now?.reach) now.square = value >= 1000;
   };
   context.drawArrays = function (mode, first, points) {
-    if (!now?.square || !(moves || busy())) return drawArrays.call(this, mode, first, points);
+    if (!now?.square || !changes()) return drawArrays.call(this, mode, first, points);
     uniform1f.call(this, now.smaller, 1 - SMALLER);
     drawArrays.call(this, mode, first, Math.ceil(points / FEWER));
     uniform1f.call(this, now.smaller, 0);

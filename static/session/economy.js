@@ -14,7 +14,8 @@ export function install() {
     byId("slowed").hidden = !state.view.slowed;
     setText(byId("slowed"), state.view.slowed ?? "");
   });
-  subscribe(["session", "playback"], () =>
-    byId("scene").toggleAttribute("data-busy", state.playback || state.session?.state === "running"),
-  );
+  subscribe(["session", "playback"], () => {
+    byId("scene").toggleAttribute("data-busy", state.session?.state === "running");
+    byId("scene").toggleAttribute("data-plays", state.playback);
+  });
 }

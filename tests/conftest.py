@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import gc
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import settings
+
+from app.memory import keep_for_good
+from pmpnbp.importing import many_modules
 
 pytest_plugins = ["tests.machine_facts"]
 
@@ -46,15 +49,13 @@ settings.register_profile("search", deadline=None, max_examples=2000, print_blob
 settings.load_profile("gate")
 
 
-def pytest_configure() -> None:
-    """Nobody looks for garbage among what is imported, neither while it is (a sixth of the time) nor later."""
-    gc.disable()
-
-
-def pytest_collection_finish() -> None:
-    gc.collect()
-    gc.freeze()
-    gc.enable()
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Nobody looks for garbage among what is imported, neither while it is nor later."""
+    with many_modules():
+        found = yield
+    keep_for_good()
+    return found
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -33,6 +33,8 @@ MEDIA_TYPES = {
 # none has to be kept here.
 FONTS = Path(str(find_spec("pyrender").origin)).parent / "fonts"  # type: ignore[union-attr] # it is a dependency
 FACES = ("OpenSans-Regular.ttf", "OpenSans-Semibold.ttf")
+# How a version of them all looks, which the paths that a page tells begin with.
+_IS_VERSION = re.compile("[0-9a-f]{12}")
 
 
 @router.get("/")
@@ -102,9 +104,6 @@ def _found(name: str) -> Path:
 
 def _modules(folder: str) -> list[str]:
     return [path for path in _files() if path.startswith(f"{folder}/") and path.endswith(".js")]
-
-
-_IS_VERSION = re.compile("[0-9a-f]{12}")
 
 
 class _Version:

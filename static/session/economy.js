@@ -1,6 +1,6 @@
-// Without a graphics card the 3D view shows fewer of the scan's points while something moves and, while the session runs,
-// a picture every two seconds. `?economy=0` in the page's address has it draw all, and `?economy=1` little. Where so many look that the
-// server draws this view less often, that is said below the scene.
+// Without a graphics card the 3D view shows fewer of the scan's points while something moves and, while the session
+// runs, a picture every two seconds. `?economy=0` in the page's address has it draw all, and `?economy=1` little. Where
+// so many look that the server draws this view less often, that is said below the scene.
 
 import { byId, setText } from "./dom.js";
 import { state, subscribe } from "./state.js";

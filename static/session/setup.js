@@ -20,9 +20,8 @@ let own = null; // the box as it was drawn by hand, apart from those
 let asked = ""; // of which scans the regions are known
 
 const first = new URLSearchParams(location.search).has("setup"); // whether the page begins with this
-// Asked for before the 3D view keeps the browser busy, where they are what is wanted.
-let ahead = first ? whatStands() : null;
-ahead?.catch(() => {}); // whoever awaits it hears of it
+// Asked for before the 3D view keeps the browser busy, where they are what is wanted; null where that failed.
+let ahead = first ? whatStands().catch(() => null) : null;
 
 export function install() {
   byId("setup-run").addEventListener("click", run);
@@ -66,7 +65,7 @@ async function propose() {
   if (asked === scans) return offer();
   setText(byId("setup-title"), "Looking at what stands in the scan…");
   try {
-    regions = (await (ahead ?? whatStands())).regions;
+    regions = ((await ahead) ?? (await whatStands())).regions;
     asked = scans;
   } catch (problem) {
     regions = [];

@@ -8,10 +8,12 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
 
 from app.problems import responses
+from app.routes.once import Once
 from app.routes.parameters import sessions_of
 from app.routes.sessions import MADE
 from app.schemas import Body, Session
 from app.sessions.sample import SAMPLES
+from app.store.idempotency import Call
 
 router = APIRouter(prefix="/api/v1", tags=["sessions"])
 
@@ -46,12 +48,17 @@ def list_samples() -> Any:
     summary="Open a sample session",
     responses=MADE | responses(409, 507),
 )
-def create_sample_session(body: SampleRequest, request: Request, response: Response) -> Any:
-    """A new session with model, scan, region of interest and truth of a sample scene. Model and scan are kept once,
-    however many sessions look at them."""
-    session = sessions_of(request).sample(body.scene)
-    if body.run:
-        session.run(until="converged")
-    document = session.status()
+def create_sample_session(body: SampleRequest, request: Request, response: Response, once: Once) -> Any:
+    """A new session with model, scan, region of interest and truth of a sample scene, as it is before it iterates.
+    Model and scan are kept once, however many sessions look at them."""
+
+    def make(call: Call | None) -> dict[str, Any]:
+        session = sessions_of(request).sample(body.scene, call)
+        document = session.status()
+        if body.run:
+            session.run(until="converged")
+        return document
+
+    document = once.made(body, make)
     response.headers["Location"] = f"/api/v1/sessions/{document['id']}"
     return document

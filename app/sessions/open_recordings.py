@@ -65,7 +65,7 @@ class OpenRecordings:
             document = self._store.rename_recording(id, name)
             found = self.at_hand(id)
             if found is not None:
-                found.name = name
+                found.call(name)
         return document
 
     def forget(self, id: str) -> None:

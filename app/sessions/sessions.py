@@ -62,9 +62,9 @@ class Sessions:
         """A new session at iteration 0.
 
         body : `model_id`, `scan_ids` and what DEFAULTS has, which stands for what is left out; of one of the samples
-        also which `sample` it is; call : to which the
-        session's status is the answer. Raises PmpnbpError for what does not fit together; HttpProblem 404 for a model
-        or scan that is not here, 429 for one session too many, 507 for one that does not fit into memory.
+        also which `sample` it is; call : to which the session's status is the answer. Raises PmpnbpError for what does
+        not fit together; HttpProblem 404 for a model or scan that is not here, 429 for one session too many, 507 for
+        one that does not fit into memory.
         """
         unknown = set(body) - set(DEFAULTS) - {"model_id", "scan_ids", "sample"}
         if unknown:
@@ -174,9 +174,9 @@ class Sessions:
         with self._lock:
             return next((self._sessions[id] for id in known if id in self._sessions), None)
 
-    def sample(self, scene: str) -> Session:
-        """A new session at iteration 0 that looks at a scene of `sample.SAMPLES`."""
-        return self.create(sample_document(self._store, scene))
+    def sample(self, scene: str, call: Call | None = None) -> Session:
+        """A new session at iteration 0 that looks at a scene of `sample.SAMPLES`. call : that it is the answer to"""
+        return self.create(sample_document(self._store, scene), call)
 
     def _create(self, document: Document, call: Call | None) -> Session:
         document = named(document, self._store)

@@ -92,9 +92,10 @@ class Client:
         with understood("a list of scans"):
             return [Scan.from_dict(entry) for entry in answer.json()]
 
-    def sessions(self, *tags: str) -> list[RemoteSession]:
-        """The server's that have all of these tags, or all, oldest first."""
-        answer = self._calls.get("sessions", tag=tags)
+    def sessions(self, *tags: str, limit: int | None = None, offset: int = 0) -> list[RemoteSession]:
+        """The server's that have all of these tags, or all, oldest first: `limit` of them at most, without the first
+        `offset`."""
+        answer = self._calls.get("sessions", tag=tags, limit=limit, offset=offset)
         with understood("a list of sessions"):
             return [RemoteSession(self._calls, entry) for entry in answer.json()]
 

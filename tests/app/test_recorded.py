@@ -178,8 +178,9 @@ def test_its_file_stays_as_it_came(client: httpx.Client, content: bytes, recorde
     assert hashlib.sha256(kept.content).hexdigest() == digest
 
 
-def test_events_tell_how_it_ends_and_stay_open_until_it_is_deleted(client: httpx.Client, content: bytes) -> None:
+def test_events_tell_how_it_ends_and_its_new_name_until_it_is_deleted(client: httpx.Client, content: bytes) -> None:
     path = upload(client, content)
+    entry = path.replace("sessions", "recordings")
     with client.stream("GET", f"{path}/events") as answer:
         lines = answer.iter_lines()
         told: dict[str, Any] = {}
@@ -189,7 +190,10 @@ def test_events_tell_how_it_ends_and_stay_open_until_it_is_deleted(client: httpx
                 told[line.removeprefix("event: ")] = json.loads(next(lines).removeprefix("data: "))
         assert told["iteration"]["iteration"] == 8
         assert (told["state"]["state"], told["state"]["iteration"]) == ("recorded", 8)
-        assert client.delete(path.replace("sessions", "recordings")).status_code == 204
+        assert client.patch(entry, json={"name": "top drawer"}).status_code == 200
+        assert "event: state" in lines
+        assert json.loads(next(lines).removeprefix("data: ")) == told["state"] | {"name": "top drawer"}
+        assert client.delete(entry).status_code == 204
         assert [line for line in lines if line.startswith("event: ")] == []
     problem(client.get(path), 404, "is not here")
 

@@ -55,16 +55,16 @@ def test_the_first_answer_is_given_whatever_has_happened_since(client: httpx.Cli
 
 
 def test_a_sample_asked_for_twice_is_one_session(client: httpx.Client) -> None:
-    before = client.get("/sessions").json()
-    first, again = (told(client, "sessions/sample", "sample", {"scene": "open", "run": True}) for _ in range(2))
+    before = client.get("/api/v1/sessions").json()
+    first, again = (told(client, "/api/v1/sessions/sample", "sample", {"scene": "open", "run": True}) for _ in range(2))
     assert (first.status_code, first.json(), first.headers["location"]) == (
         again.status_code,
         again.json(),
         again.headers["location"],
     )
-    assert len(client.get("/sessions").json()) == len(before) + 1
-    assert small.at_rest(client, f"sessions/{first.json()['id']}")["iteration"] > 0
-    problem(told(client, "sessions/sample", "sample", {"scene": "door"}), 422, "other content")
+    assert len(client.get("/api/v1/sessions").json()) == len(before) + 1
+    assert small.at_rest(client, f"/api/v1/sessions/{first.json()['id']}")["iteration"] > 0
+    problem(told(client, "/api/v1/sessions/sample", "sample", {"scene": "door"}), 422, "other content")
 
 
 def test_what_was_named_is_told_from_what_was_left_out(client: httpx.Client, path: str) -> None:

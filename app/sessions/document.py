@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from app.problems import HttpProblem
+from app.sessions.kept_inputs import model_in, observation_of
 from app.store.store import Store
 from pmpnbp import recording
 from pmpnbp.inference.arrival import Arrival, present
@@ -73,17 +74,23 @@ def prepare(store: Store, document: Mapping[str, Any]) -> tuple[Problem, Inputs]
     """The problem that a document asks for now, and its inputs. Raises PmpnbpError, HttpProblem 404, 409."""
     check_whole(document)
     check_room(store)
-    scans, arrival = present_scans(document)
+    ids, arrival = present_scans(document)
+    settings, roi = settings_of(present_config(document)), document.get("roi")
+    file = store.file("models", document["model_id"])
+    model = model_in(file, settings.triangles)
+    scans = [store.load_scan(id) for id in ids]
     return recording.prepare(
-        store.file("models", document["model_id"]),
-        [store.load_scan(id) for id in scans],
-        document.get("roi"),
+        file,
+        scans,
+        roi,
         document.get("prior"),
-        settings_of(present_config(document)),
+        settings,
         particles=document["particles"],
         seed=document["seed"],
         method=document["method"],
         arrival=arrival,
+        known_model=model,
+        known_observation=observation_of([store.file("scans", id) for id in ids], scans, roi, settings.image_width),
     )
 
 

@@ -95,26 +95,38 @@ def _model(store: Store, staging: Staging, folder: Path) -> str:
                 archive.writestr(zipfile.ZipInfo(path.relative_to(folder).as_posix()), path.read_bytes())
     else:
         shutil.copyfile(source, staged)
-    found = _known(store.documents("models"), staged)
+    found = _with_digest(store.documents("models"), _digest(staged))
     if found is not None:
         return found
     summary = read_model(staged)
     return str(store.add("models", staged, staged.name, summary)["id"])
 
 
+# Of what the scans of places become in a store, each told once it was read.
+_digests: dict[Path, str] = {}
+
+
 def _scan(store: Store, staging: Staging, place: Path) -> str:
     """The id of the depth image in `place`, called by its scene's name, as all of them are files `depth.png`."""
+    scans = store.documents("scans")
+    known = _with_digest(scans, _digests.get(place))
+    if known is not None:
+        return known
     depth, camera, out = (staging.folder / name for name in (f"{place.name}.png", "camera.json", "scan.npz"))
     shutil.copyfile(place / "depth.png", depth)
     shutil.copyfile(place / "camera.json", camera)
     summary = read_scan(depth, camera, out)
-    return _known(store.documents("scans"), out) or str(store.add("scans", out, depth.name, summary)["id"])
+    _digests[place] = _digest(out)
+    return _with_digest(scans, _digests[place]) or str(store.add("scans", out, depth.name, summary)["id"])
 
 
-def _known(entries: list[dict[str, Any]], file: Path) -> str | None:
-    """The id of the entry with the content of `file`."""
-    digest = hashlib.sha256(file.read_bytes()).hexdigest()
-    return next((str(entry["id"]) for entry in entries if entry.get("sha256") == digest), None)
+def _digest(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def _with_digest(entries: list[dict[str, Any]], digest: str | None) -> str | None:
+    """The id of the entry with the content that has this digest."""
+    return next((str(entry["id"]) for entry in entries if digest and entry.get("sha256") == digest), None)
 
 
 def _json(path: Path) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from pmpnbp.recording.changes import changes, first_scans
 from pmpnbp.recording.scans import store_scan
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.model_files import ModelLimits, open_model
-from pmpnbp.scene.observation import Scan
+from pmpnbp.scene.observation import Observation, Scan
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, Orientation, UniformPrior, load_prior
 from pmpnbp.scene.urdf import load_model
@@ -50,11 +50,11 @@ class Inputs:
     method: str = SessionOptions.method
     arrival: Arrival | None = None
 
-    def problem(self, model: ArticulatedObject | None = None) -> Problem:
-        """The problem these make; `model` is what is in their file, where it is read already. Raises PmpnbpError where
-        they make none."""
+    def problem(self, model: ArticulatedObject | None = None, observation: Observation | None = None) -> Problem:
+        """The problem these make; `model` is what is in their file, `observation` what is seen in their scans, where
+        that is known already. Raises PmpnbpError where they make none."""
         model = model or load_model(self.model, triangle_budget=self.settings.triangles)
-        observation = observe(self.scans, self.roi, width=self.settings.image_width)
+        observation = observation or observe(self.scans, self.roi, width=self.settings.image_width)
         return problem_module.build(
             model,
             observation,
@@ -79,20 +79,22 @@ def prepare(
     method: str = SessionOptions.method,
     arrival: Arrival | None = None,
     known_model: ArticulatedObject | None = None,
+    known_observation: Observation | None = None,
 ) -> tuple[Problem, Inputs]:
     """The problem, and the inputs that a recording keeps of it: the same input and seed give the same numbers, whoever
     asks.
 
     model : a URDF or zip; roi : x0 y0 z0 x1 y1 z1, metres, world, or None; prior : prior.json, its members, or None
     for upright anywhere; method : one of `settings.METHODS`; arrival : that of the newest scans, where they came later;
-    known_model : what is in the file, where it was read already, with the triangles that the settings ask for.
+    known_model : what is in the file, where it was read already, with the triangles that the settings ask for
+    known_observation : what `scene.observe` makes of the scans, where that was done already
     Raises PmpnbpError for what does not fit together.
     """
     found = known_model or load_model(model, triangle_budget=settings.triangles)
     known = UniformPrior("upright") if prior is None else load_prior(prior, found)
     box = None if roi is None else np.array(roi, dtype=np.float64)
     inputs = Inputs(model, tuple(scans), box, known, settings, particles, seed, method, arrival)
-    return inputs.problem(found), inputs
+    return inputs.problem(found, known_observation), inputs
 
 
 def store(connection: sqlite3.Connection, inputs: Inputs, model: ArticulatedObject) -> None:

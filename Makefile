@@ -87,7 +87,7 @@ clean:
 define install
 @$(BIN)/python -m pip --version >/dev/null 2>&1 || sh .ci/make_venv $(VENV) $(PYTHON)
 @echo "Installing the packages of constraints.txt into $(VENV) ($(2) GB on disk, some minutes the first time)"
-@$(BIN)/python -m pip install -qq --no-compile --progress-bar off --editable '$(1)' --constraint constraints.txt \
+@sh .ci/install $(BIN)/python '$(1)' \
   || { echo "The packages could not be installed into $(VENV); pip's own words are above." >&2; exit 1; }
 endef
 

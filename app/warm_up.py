@@ -8,6 +8,7 @@ for; the server does it as it starts.
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
 import tempfile
@@ -134,7 +135,10 @@ def main() -> None:
         subprocess.run([sys.executable, "-m", "app.warm_up"], env=environment, check=True)
         # those who read uploads import less than this, and so look for what is compiled in another folder
         reader = [sys.executable, "-m", "app.uploads.parse_worker", str(2 << 30), "60"]
-        subprocess.run(reader, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, check=True)
+        ours, theirs = socket.socketpair()
+        ours.close()
+        with theirs:
+            subprocess.run(reader, env=environment, stdin=theirs.fileno(), stdout=subprocess.DEVNULL, check=True)
     if not wanted:
         name = os.environ.get("NUMBA_CPU_NAME", "this processor")
         sys.stdout.write(f"kernels for {name} ready after {run():.1f} s\n")

@@ -3,11 +3,11 @@
     python -m app.uploads.parse_worker BYTES SECONDS
 
 BYTES of memory is what the process may take, SECONDS of processor time what a file may take; past either the process
-dies or says so. It says `{"ready": true}`, then reads files by the line on standard input, `{"kind", "path", "camera",
-"out"}` as JSON, the kind being models, scans or recordings, and answers each with a line: `{"summary": {…}}` or
-`{"error": "a sentence"}`. It ends with its input. A process serves several files, because its imports take longer than
-a file. Of a model and scans that were taken in it also says, to `{"kind": "regions", "path", "scans"}`, where the one
-may stand in the others.
+dies or says so. Standard input is a socket over which connections come, and a process is forked for each. It says
+`{"ready": true, "pid": …}`, then reads files by the line, `{"kind", "path", "camera", "out"}` as JSON, the kind being
+models, scans or recordings, and answers each with a line: `{"summary": {…}}` or `{"error": "a sentence"}`. It ends with
+its connection. Of a model and scans that were taken in it also says, to `{"kind": "regions", "path", "scans"}`, where
+the one may stand in the others.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import json
 import os
 import re
 import resource
+import socket
 import sqlite3
 import sys
 import tempfile
@@ -25,6 +26,8 @@ from pathlib import Path
 from typing import IO, Any
 from urllib.parse import quote
 
+from app.memory import keep_for_good
+from app.uploads.forking import fork_for_each
 from pmpnbp.errors import PmpnbpError, RecordingError
 from pmpnbp.importing import many_modules
 from pmpnbp.names import name_fault
@@ -33,11 +36,11 @@ from pmpnbp.names import name_fault
 LARGEST_OUTPUT = 512 << 20
 Job = dict[str, Any]
 Summary = dict[str, Any]
+Readers = dict[str, Callable[[Job], Summary]]
 
 
 def main(memory: int, seconds: float) -> None:
-    """Serve files until standard input ends."""
-    answers = _private_output()
+    """Have files read until standard input, a socket, ends."""
     # A system that lacks a limit (macOS has no RLIMIT_AS) still has the wall clock of the parent.
     for limit, value in (
         (resource.RLIMIT_AS, memory),
@@ -48,8 +51,15 @@ def main(memory: int, seconds: float) -> None:
             resource.setrlimit(limit, (value, value))
     with many_modules():
         readers = _readers()
-    _say(answers, {"ready": True})
-    for line in sys.stdin:
+    keep_for_good()
+    with socket.socket(fileno=os.dup(sys.stdin.fileno())) as control:
+        fork_for_each(control, lambda connection: _serve(connection, readers, seconds))
+
+
+def _serve(connection: socket.socket, readers: Readers, seconds: float) -> None:
+    jobs, answers = connection.makefile("r", encoding="utf-8"), connection.makefile("w", encoding="ascii")
+    _say(answers, {"ready": True, "pid": os.getpid()})
+    for line in jobs:
         _allow_processor_time(seconds)
         job = json.loads(line)
         # what a killed process leaves goes with the upload; beside what is stored already nothing may be left
@@ -71,7 +81,7 @@ def _answer(read: Callable[[Job], Summary], job: Job) -> dict[str, Any]:
         return {"error": f"'{name}' cannot be read: it is damaged", "unexpected": f"{type(error).__name__}: {error}"}
 
 
-def _readers() -> dict[str, Callable[[Job], Summary]]:
+def _readers() -> Readers:
     """The readers by kind, with everything they need imported: later nothing is."""
     from app.uploads.summaries import read_model, read_regions, read_scan
     from pmpnbp.recording import Recording
@@ -165,24 +175,14 @@ def _allow_processor_time(seconds: float) -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (until, resource.getrlimit(resource.RLIMIT_CPU)[1]))
 
 
-def _private_output() -> IO[str]:
-    """Standard output for answers alone: what libraries print goes nowhere."""
-    answers = os.fdopen(os.dup(1), "w", encoding="ascii")
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
-    os.close(nowhere)
-    return answers
-
-
 def _say(answers: IO[str], message: dict[str, Any]) -> None:
-    # kilobytes on Linux
     answers.write(json.dumps({**message, "peak_bytes": _peak_bytes()}, allow_nan=False) + "\n")
     answers.flush()
 
 
 def _peak_bytes() -> int:
-    """The most memory that this program has had at once. Not ru_maxrss where it can be helped: that begins with what
-    the process had from which this one was started, and a large server would replace every reader at once."""
+    """The most memory that this process has had at once. Not ru_maxrss where it can be helped: that begins with what
+    the server had from which all was started, and a large one would replace every reader at once."""
     try:
         for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
             if line.startswith("VmHWM:"):

@@ -8,6 +8,7 @@ import logging
 import os
 import select
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from app.problems import HttpProblem
+from app.uploads.forking import ENDED
 
 # Files that a process reads before a fresh one takes its place, and the memory it may have needed for one of them.
 MOST_FILES = 100
@@ -26,6 +28,8 @@ MOST_BYTES = 1 << 30
 MOST_IDLE = 2
 # With the answer to an upload whose reader was killed.
 LATER = {"Retry-After": "10"}
+# Until a process that is killed is gone.
+DYING_SECONDS = 10.0
 
 # What Python and its libraries need of the environment, and what says which instructions the numbers come from, which
 # have to be the server's; it may hold secrets that are no upload's business.
@@ -69,82 +73,121 @@ class _Late(Exception):
     """The process did not answer in time."""
 
 
-class _Worker:
-    """One `app.uploads.parse_worker`, started at once, ready some time after."""
+class _Nursery:
+    """The process `app.uploads.parse_worker`, started at once, which forks one for each connection once it is ready."""
 
     def __init__(self, memory: int, seconds: float) -> None:
-        self.files = 0
-        self.peak_bytes = 0
-        self._ready = False
-        self._rest = b""
         # one thread a process, or the stacks of idle ones eat up the memory it may take
         environment = {name: value for name, value in os.environ.items() if name in _ENVIRONMENT}
         environment |= {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")}
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "app.uploads.parse_worker", str(memory), str(seconds)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            bufsize=0,
-            env=environment,
-            cwd=Path(__file__).resolve().parents[2],  # where `app` is found
-            start_new_session=True,  # a group of its own, so that it can be killed with its children
-        )
+        self._control, theirs = socket.socketpair()
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "app.uploads.parse_worker", str(memory), str(seconds)],
+                stdin=theirs.fileno(),
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                env=environment,
+                cwd=Path(__file__).resolve().parents[2],  # where `app` is found
+                start_new_session=True,  # what ends the server by its group leaves the end of this to `end`
+            )
 
     @property
     def alive(self) -> bool:
         return self._process.poll() is None
 
+    @property
+    def killed(self) -> bool:
+        """Whether it was; asked once its end is known."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(1.0)
+        return self._process.poll() == -signal.SIGKILL
+
+    def connection(self) -> socket.socket:
+        """One to a process of its own. Raises OSError where this one is gone."""
+        ours, theirs = socket.socketpair()
+        try:
+            with theirs:
+                socket.send_fds(self._control, [b"+"], [theirs.fileno()])
+        except OSError:
+            ours.close()
+            raise
+        return ours
+
+    def end(self) -> None:
+        """Whoever still reads for it goes on to the end of their file."""
+        self._control.close()
+        self._process.kill()
+        self._process.wait()
+
+
+class _Worker:
+    """One process that reads files, ready some time after the nursery."""
+
+    def __init__(self, nursery: _Nursery) -> None:
+        self.nursery = nursery
+        self.files = 0
+        self.peak_bytes = 0
+        self.pid: int | None = None  # once it is ready
+        self._connection = nursery.connection()
+        self._rest = b""
+
+    @property
+    def alive(self) -> bool:
+        """What says nothing is; what is about to say that it is ready, too."""
+        try:
+            said = self._connection.recv(1 << 12, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return True
+        except OSError:
+            return False
+        return bool(said) and f'"{ENDED}"'.encode() not in said
+
     def wait_ready(self, deadline: float) -> None:
         """Raises _Gone or _Late."""
-        if not self._ready:
-            self._line(deadline)
-            self._ready = True
+        if self.pid is None:
+            self.pid = int(self._line(deadline)["pid"])
 
     def ask(self, job: Mapping[str, Any], deadline: float) -> dict[str, Any]:
         """The answer to `job`. Raises _Gone or _Late."""
-        assert self._process.stdin is not None
-        try:
-            self._process.stdin.write(json.dumps(job).encode() + b"\n")
-        except OSError as error:
-            raise self._gone() from error
+        with suppress(OSError):  # of its end the next line tells
+            self._connection.sendall(json.dumps(job).encode() + b"\n")
         self.files += 1
         return self._line(deadline)
 
     def end(self) -> None:
-        """Kill it and everything it started."""
-        with suppress(OSError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                pipe.close()
+        """Kill it and everything it started; returns when it is gone."""
+        if self.pid is not None and self.alive:
+            with suppress(OSError):
+                os.killpg(self.pid, signal.SIGKILL)
+            with suppress(_Gone, _Late):
+                while True:  # what it had still to say
+                    self._line(time.monotonic() + DYING_SECONDS)
+        self._connection.close()
 
     def _line(self, deadline: float) -> dict[str, Any]:
-        assert self._process.stdout is not None
-        descriptor = self._process.stdout.fileno()
         ready = select.poll()  # not select(): a server with many clients has descriptors beyond its 1024
-        ready.register(descriptor, select.POLLIN)
+        ready.register(self._connection, select.POLLIN)
         received = [self._rest]
         while b"\n" not in received[-1]:
             left = deadline - time.monotonic()
             if left <= 0 or not ready.poll(left * 1000):
                 raise _Late
-            received.append(os.read(descriptor, 1 << 16))
+            try:
+                received.append(self._connection.recv(1 << 16))
+            except OSError:
+                received.append(b"")
             if not received[-1]:
-                raise self._gone()
+                raise _Gone(self.nursery.killed)  # nobody is left to tell how it ended
         line, _, self._rest = b"".join(received).partition(b"\n")
         try:
-            answer = json.loads(line)
+            answer = dict(json.loads(line))
+            if ENDED in answer:
+                raise _Gone(answer[ENDED] == -signal.SIGKILL)
             self.peak_bytes = int(answer["peak_bytes"])
         except (ValueError, KeyError, TypeError) as error:
             raise _Gone from error
-        return dict(answer)
-
-    def _gone(self) -> _Gone:
-        with suppress(subprocess.TimeoutExpired):  # its output has ended, so it is about to
-            self._process.wait(1.0)
-        return _Gone(self._process.poll() == -signal.SIGKILL)
+        return answer
 
 
 class Parsers:
@@ -158,6 +201,7 @@ class Parsers:
         self._seconds = seconds
         self._lock = threading.Lock()
         self._idle: list[_Worker] = []
+        self._nursery: _Nursery | None = None
         self._closed = False
 
     def warm(self) -> None:
@@ -169,8 +213,11 @@ class Parsers:
         with self._lock:
             self._closed = True
             idle, self._idle = self._idle, []
+            nursery, self._nursery = self._nursery, None
         for worker in idle:
             worker.end()
+        if nursery is not None:
+            nursery.end()
 
     def parse(self, kind: str, path: Path, out: Path, camera: Path | None = None) -> dict[str, Any]:
         """What is in the file `path`, as `app.uploads.parse_worker` tells it; a scan, with its `camera`, goes to `out`.
@@ -232,6 +279,7 @@ class Parsers:
         except (_Gone, _Late) as error:
             if isinstance(error, _Gone) and error.killed:
                 raise
+            worker.nursery.end()
             raise HttpProblem(
                 500, f"the process that reads uploads does not start within {self._memory >> 20} MiB of memory"
             ) from None
@@ -246,11 +294,25 @@ class Parsers:
         return self._start()
 
     def _start(self) -> _Worker:
-        return _Worker(self._memory, self._seconds)
+        while True:
+            with self._lock:
+                nursery = self._nursery
+                if nursery is None or not nursery.alive:
+                    if nursery is not None:
+                        nursery.end()
+                    nursery = self._nursery = _Nursery(self._memory, self._seconds)
+            with suppress(OSError):  # where it was killed just now
+                return _Worker(nursery)
 
     def _put_back(self, worker: _Worker) -> None:
+        nursery = None
         with self._lock:
-            if not self._closed and len(self._idle) < MOST_IDLE:
+            kept = not self._closed and len(self._idle) < MOST_IDLE
+            if kept:
                 self._idle.append(worker)
-                return
-        worker.end()
+            if self._closed:
+                nursery, self._nursery = self._nursery, None
+        if not kept:
+            worker.end()
+        if nursery is not None:
+            nursery.end()

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import io
+import json
 import os
+import re
 import signal
+import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -16,6 +21,7 @@ import numpy as np
 import pytest
 
 from app.problems import HttpProblem
+from app.uploads.forking import ENDED
 from app.uploads.parsers import Parsers
 
 GIB = 1 << 30
@@ -37,7 +43,10 @@ def scan_file(tmp_path: Path) -> Path:
 
 def worker_pid(parsers: Parsers) -> int:
     """Of the process that would read the next scan."""
-    return int(parsers._idle[-1]._process.pid)
+    worker = parsers._idle[-1]
+    worker.wait_ready(time.monotonic() + 600)
+    assert worker.pid is not None
+    return worker.pid
 
 
 def test_a_process_reads_many_files_and_carries_no_secret(
@@ -73,12 +82,12 @@ def test_a_file_that_takes_too_long_is_given_up(scan_file: Path, tmp_path: Path)
         parsers.warm()
         worker = parsers._idle[-1]
         worker.wait_ready(time.monotonic() + 600)
-        os.kill(worker._process.pid, signal.SIGSTOP)  # for a file that never ends
+        os.kill(worker.pid, signal.SIGSTOP)  # for a file that never ends
         with pytest.raises(HttpProblem, match=r"'a\.npy' takes longer to read than the 0\.2 s") as caught:
             parsers.parse("scans", scan_file, tmp_path / "out.npz")
         assert caught.value.status == 422
-        assert not Path(f"/proc/{worker._process.pid}").exists()
-        assert worker_pid(parsers) != worker._process.pid
+        assert not Path(f"/proc/{worker.pid}").exists()
+        assert worker_pid(parsers) != worker.pid
     finally:
         parsers.close()
 
@@ -98,12 +107,12 @@ def test_a_file_that_crashes_its_reader_is_refused_and_the_next_is_read(
 
 def crash(worker: Any, with_signal: signal.Signals) -> None:
     """Have the process die of a signal while it reads its next file."""
-    os.kill(worker._process.pid, signal.SIGSTOP)
+    os.kill(worker.pid, signal.SIGSTOP)
 
     def die() -> None:
-        os.kill(worker._process.pid, with_signal)
+        os.kill(worker.pid, with_signal)
         with suppress(ProcessLookupError):
-            os.kill(worker._process.pid, signal.SIGCONT)  # it sees no other signal while it is stopped
+            os.kill(worker.pid, signal.SIGCONT)  # it sees no other signal while it is stopped
 
     threading.Timer(0.1, die).start()
 
@@ -136,8 +145,9 @@ def test_a_file_whose_readers_are_killed_may_come_again(
 def test_a_process_that_died_of_itself_is_no_uploads_fault(parsers: Parsers, scan_file: Path, tmp_path: Path) -> None:
     parsers.warm()
     worker = parsers._idle[-1]
-    os.kill(worker._process.pid, signal.SIGKILL)
-    worker._process.wait()
+    os.kill(worker_pid(parsers), signal.SIGKILL)
+    while worker.alive:
+        time.sleep(0.01)
     assert parsers.parse("scans", scan_file, tmp_path / "out.npz")["points"] > 0
 
 
@@ -173,3 +183,51 @@ def test_processes_end_with_their_server(scan_file: Path, tmp_path: Path) -> Non
     assert not Path(f"/proc/{pid}").exists()
     assert parsers.parse("scans", scan_file, tmp_path / "out.npz")["points"] > 0  # an upload that was under way
     assert parsers._idle == []
+
+
+def test_a_process_that_takes_a_place_is_forked_and_where_what_forks_is_gone_that_is_started_anew(
+    parsers: Parsers, scan_file: Path, tmp_path: Path
+) -> None:
+    parsers.warm()
+    nurseries = []
+    for _ in range(2):
+        os.kill(worker_pid(parsers), signal.SIGKILL)
+        assert parsers.parse("scans", scan_file, tmp_path / "out.npz")["points"] > 0
+        nurseries.append(parent(worker_pid(parsers)))
+    assert nurseries[0] == nurseries[1]
+    os.kill(nurseries[0], signal.SIGKILL)
+    assert parsers.parse("scans", scan_file, tmp_path / "out.npz")["points"] > 0  # by the one that is there still
+    os.kill(worker_pid(parsers), signal.SIGKILL)
+    while parsers._idle[-1].alive:
+        time.sleep(0.01)
+    assert parsers.parse("scans", scan_file, tmp_path / "out.npz")["points"] > 0
+    assert parent(worker_pid(parsers)) != nurseries[0]
+
+
+def parent(pid: int) -> int:
+    return int(re.findall(r"^PPid:\s+(\d+)$", Path(f"/proc/{pid}/status").read_text(), re.MULTILINE)[0])
+
+
+def test_what_a_process_started_ends_with_it() -> None:
+    """Forked here, as a reader is, and killed by what it reads."""
+    ours, theirs = socket.socketpair()
+    work = "import socket, subprocess, sys, os, signal\n"
+    work += "from app.uploads.forking import fork_for_each\n"
+    work += "def work(connection):\n"
+    work += "    child = subprocess.Popen(['sleep', '600'])\n"
+    work += "    connection.sendall(b'%d\\n' % child.pid)\n"
+    work += "    os.kill(os.getpid(), signal.SIGSEGV)\n"
+    work += "fork_for_each(socket.socket(fileno=0), work)\n"
+    with theirs:
+        process = subprocess.Popen([sys.executable, "-c", work], stdin=theirs.fileno())
+    mine, its = socket.socketpair()
+    with ours, mine:
+        with its:
+            socket.send_fds(ours, [b"+"], [its.fileno()])
+        with mine.makefile() as lines:
+            started, told = lines
+    assert json.loads(told) == {ENDED: -signal.SIGSEGV}
+    assert process.wait() == 0
+    status = Path(f"/proc/{int(started)}/stat")
+    while status.exists() and status.read_text().rpartition(")")[2].split()[0] != "Z":  # whoever adopts it reaps it
+        time.sleep(0.01)

@@ -196,13 +196,13 @@ def _killed_readers(target: Target, outcome: Outcome) -> None:
 
 
 def _readers(pid: int) -> list[int]:
-    """Processes that the server has started to read uploads."""
+    """Processes that the server has to read uploads: the one that forks them, too."""
     found = []
     for task in Path(f"/proc/{pid}/task").iterdir():
         with suppress(OSError):
-            for child in (task / "children").read_text().split():
+            for child in map(int, (task / "children").read_text().split()):
                 if b"parse_worker" in Path(f"/proc/{child}/cmdline").read_bytes():
-                    found.append(int(child))
+                    found += [child, *_readers(child)]
     return found
 
 

@@ -24,7 +24,7 @@ def path(served: Served) -> str:
 def look(page: Page, served: Served, path: str, view: str, troubles: Troubles) -> str:
     """Open the view, and wait until it is drawn; its address over REST."""
     troubles.expect("GPU stall")
-    page.goto(f"{served.url}/sessions/{path.rsplit('/', 1)[1]}/view/{view}/")
+    page.goto(f"{served.url}/sessions/{path.rsplit('/', 1)[1]}/view/{view}/?economy")
     while pixels(page).astype(float).std() < 5:
         page.wait_for_timeout(100)
     return f"{path}/views/{view}"

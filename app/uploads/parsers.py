@@ -260,8 +260,9 @@ class Parsers:
             answer = worker.ask(job, time.monotonic() + self._seconds)
             return answer
         except _Late:
+            what = "look for in its scans" if job["kind"] == "regions" else "read"
             raise HttpProblem(
-                422, f"'{path.name}' takes longer to read than the {self._seconds:g} s that an upload may"
+                422, f"'{path.name}' takes longer to {what} than the {self._seconds:g} s that an upload may"
             ) from None
         except _Gone:
             _log.warning("the process that reads %s ended at an upload of %s bytes", job["kind"], path.stat().st_size)

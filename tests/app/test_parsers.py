@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -76,15 +76,24 @@ def test_a_process_is_replaced_after_a_while(
     assert not Path(f"/proc/{first}").exists()
 
 
-def test_a_file_that_takes_too_long_is_given_up(scan_file: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("ask", "sentence"),
+    [
+        (lambda parsers, path: parsers.parse("scans", path, path.with_suffix(".npz")), "to read than the 0.2 s"),
+        (lambda parsers, path: parsers.regions(path, [path]), "to look for in its scans than the 0.2 s"),
+    ],
+)
+def test_a_file_that_takes_too_long_is_given_up(
+    ask: Callable[[Parsers, Path], object], sentence: str, scan_file: Path
+) -> None:
     parsers = Parsers(2 * GIB, 0.2)
     try:
         parsers.warm()
         worker = parsers._idle[-1]
         worker.wait_ready(time.monotonic() + 600)
         os.kill(worker.pid, signal.SIGSTOP)  # for a file that never ends
-        with pytest.raises(HttpProblem, match=r"'a\.npy' takes longer to read than the 0\.2 s") as caught:
-            parsers.parse("scans", scan_file, tmp_path / "out.npz")
+        with pytest.raises(HttpProblem, match=re.escape(f"'a.npy' takes longer {sentence}")) as caught:
+            ask(parsers, scan_file)
         assert caught.value.status == 422
         assert not Path(f"/proc/{worker.pid}").exists()
         assert worker_pid(parsers) != worker.pid

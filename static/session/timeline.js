@@ -88,7 +88,7 @@ function show() {
   const [first, at, last] = [oldestIteration(), shownIteration(), newestIteration()];
   Object.assign(slider, { min: first, max: Math.max(last, first), value: at });
   slider.setAttribute("aria-valuetext", `iteration ${at} of ${last}${isLive() ? ", live" : ""}`);
-  slider.style.setProperty("--share", last > first ? (at - first) / (last - first) : 1);
+  slider.style.setProperty("--share", last > first ? (at - first) / (last - first) : 0);
   setText(byId("shown"), `${String(at).padStart(String(last).length, "\u2007")} / ${last}`);
   byId("live").setAttribute("aria-pressed", String(isLive()));
   setText(byId("live").lastChild, isRecording() ? "Newest" : "Live");

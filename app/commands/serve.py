@@ -9,6 +9,7 @@ import secrets
 import signal
 import socket
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
@@ -117,6 +118,9 @@ def serve(config: ServerConfig, level: int, opened: Callable[[FastAPI, ServerCon
 
 def quiet_libraries() -> None:
     """Leave what comes and goes out of the log: requests are counted at /metrics, and a 3D view's connections too."""
+    # the framework hides this remark on its own calls, but not where kernels are compiled meanwhile: what a thread
+    # hides ends with whichever thread restores its filters last
+    warnings.filterwarnings("ignore", message="The 'alias' attribute with value")
     for library in ("httpx", "websockets"):
         logging.getLogger(library).setLevel(logging.WARNING)
     logging.getLogger("uvicorn.error").addFilter(_of_ours)

@@ -10,18 +10,20 @@ import socket
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import anyio.from_thread
 import httpx
 import pytest
+from pydantic import Field, TypeAdapter
 
 from app import server
-from app.commands.serve import link
+from app.commands.serve import link, quiet_libraries
 from app.routes.start_page import MEDIA_TYPES, STATIC
 from app.server_config import ServerConfig, config_from, default_data_dir, environment_name
 from pmpnbp.errors import SettingError
@@ -65,6 +67,19 @@ def test_who_comes_as_it_stops_is_turned_away(
     monkeypatch.setattr(server, "end_streams", and_somebody_comes)
     served.stop()
     assert not caplog.records, caplog.text
+
+
+def test_what_the_framework_hides_of_its_own_calls_is_hidden_whatever_another_thread_restores() -> None:
+    def call() -> None:
+        TypeAdapter(Annotated[int, Field(alias="body")])
+
+    with pytest.warns(UserWarning, match="The 'alias' attribute"):
+        call()
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        quiet_libraries()
+        call()
+    assert said == []
 
 
 def test_ctrl_c_is_no_failure(served_process: Callable[..., Any]) -> None:

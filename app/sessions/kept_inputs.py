@@ -19,12 +19,12 @@ from pmpnbp.scene.urdf import load_model
 MODEL_BYTES, OBSERVATIONS = 64 << 20, 8
 
 
-def _state(file: Path) -> tuple[Path, int, int] | None:
-    """What is another where the file is; None where it cannot be read, as who reads it says."""
+def _state(file: Path) -> tuple[Path, int, int]:
+    """What is another where the file is."""
     try:
         found = file.stat()
-    except OSError:
-        return None
+    except OSError:  # which who reads it will say
+        return file, 0, 0
     return file, found.st_mtime_ns, found.st_size
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 import zipfile
@@ -11,7 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from app.store.store import Staging, Store
+from app.store.store import Staging, Store, sha256_of
 from app.uploads.summaries import read_model, read_scan
 from pmpnbp.errors import storage_told
 
@@ -95,7 +94,7 @@ def _model(store: Store, staging: Staging, folder: Path) -> str:
                 archive.writestr(zipfile.ZipInfo(path.relative_to(folder).as_posix()), path.read_bytes())
     else:
         shutil.copyfile(source, staged)
-    found = _with_digest(store.documents("models"), _digest(staged))
+    found = _with_digest(store.documents("models"), sha256_of(staged))
     if found is not None:
         return found
     summary = read_model(staged)
@@ -116,12 +115,8 @@ def _scan(store: Store, staging: Staging, place: Path) -> str:
     shutil.copyfile(place / "depth.png", depth)
     shutil.copyfile(place / "camera.json", camera)
     summary = read_scan(depth, camera, out)
-    _digests[place] = _digest(out)
+    _digests[place] = sha256_of(out)
     return _with_digest(scans, _digests[place]) or str(store.add("scans", out, depth.name, summary)["id"])
-
-
-def _digest(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def _with_digest(entries: list[dict[str, Any]], digest: str | None) -> str | None:

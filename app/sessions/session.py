@@ -33,7 +33,6 @@ from app.store.store import Store
 from pmpnbp.errors import PmpnbpError, RecordingError, StorageError
 from pmpnbp.inference.arrival import ScanMode
 from pmpnbp.inference.problem import Problem
-from pmpnbp.json_text import json_bytes
 from pmpnbp.readout.snapshot import Snapshot
 from pmpnbp.recording import Change, Inputs, IterationArchive
 from pmpnbp.scene.observation import Scan
@@ -277,9 +276,6 @@ class Session(Source):
             self._announced = announced
         self.archive.flush()  # an iteration has its number before it is announced, and would come out of turn
         self._publish("state", self.progress())
-
-    def _publish(self, kind: str, members: dict[str, Any]) -> None:
-        self.events.publish(Event(self.events.number(), kind, json_bytes(members)))
 
     def _reserve(self, limit: int) -> None:
         """Write down that numbers of events below `limit` may be used."""

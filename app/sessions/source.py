@@ -9,8 +9,9 @@ from abc import ABC, abstractmethod
 from typing import Any, Literal
 
 from app.problems import HttpProblem
-from app.sessions.events import Events
+from app.sessions.events import Event, Events
 from app.sessions.read_outs import ReadOuts
+from pmpnbp.json_text import json_bytes
 from pmpnbp.recording import IterationArchive
 from pmpnbp.scene.observation import Scan
 
@@ -58,6 +59,9 @@ class Source(ABC):
     @abstractmethod
     def close(self) -> None:
         """End the event streams, and whatever it does. A second call does nothing."""
+
+    def _publish(self, kind: str, members: dict[str, Any]) -> None:
+        self.events.publish(Event(self.events.number(), kind, json_bytes(members)))
 
 
 def no_view(source: Source, view: int, count: int) -> HttpProblem:

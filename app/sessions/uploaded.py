@@ -12,12 +12,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from app.problems import HttpProblem
-from app.sessions.events import Event, Events
+from app.sessions.events import Events
 from app.sessions.source import Source, no_view
 from app.sessions.trace_row import row_of, verdict
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.inference.arrival import ScanMode, present
-from pmpnbp.json_text import json_bytes, without_nan
+from pmpnbp.json_text import without_nan
 from pmpnbp.readout.result import pose_members
 from pmpnbp.readout.snapshot import Criteria
 from pmpnbp.recording import Change, Inputs, IterationArchive, Recording
@@ -95,7 +95,7 @@ class UploadedRecording(Source):
     def call(self, name: str) -> None:
         """Its name from now on, of which those who listen hear."""
         self.name = name
-        self.events.publish(Event(self.events.number(), "state", json_bytes(self.progress())))
+        self._publish("state", self.progress())
 
     def changes(self) -> list[dict[str, Any]]:
         """What was changed on the way; scans have no ids here, but are named by the order that they came in."""

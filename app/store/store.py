@@ -140,7 +140,7 @@ class Store:
             **summary,
             "file_name": file_name,
             "created": _now(),
-            "sha256": _sha256(staged),
+            "sha256": sha256_of(staged),
             "bytes": staged.stat().st_size,
             "file": name,
         }
@@ -342,6 +342,7 @@ def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
-def _sha256(path: Path) -> str:
+def sha256_of(path: Path) -> str:
+    """The digest by which entries tell their file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

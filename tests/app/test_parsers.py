@@ -217,18 +217,24 @@ def parent(pid: int) -> int:
     return int(re.findall(r"^PPid:\s+(\d+)$", Path(f"/proc/{pid}/status").read_text(), re.MULTILINE)[0])
 
 
+STARTS_AND_DIES = """
+import os, signal, socket, subprocess
+from app.uploads.forking import fork_for_each
+
+def work(connection):
+    child = subprocess.Popen(["sleep", "600"])
+    connection.sendall(b"%d\\n" % child.pid)
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+fork_for_each(socket.socket(fileno=0), work)
+"""
+
+
 def test_what_a_process_started_ends_with_it() -> None:
     """Forked here, as a reader is, and killed by what it reads."""
     ours, theirs = socket.socketpair()
-    work = "import socket, subprocess, sys, os, signal\n"
-    work += "from app.uploads.forking import fork_for_each\n"
-    work += "def work(connection):\n"
-    work += "    child = subprocess.Popen(['sleep', '600'])\n"
-    work += "    connection.sendall(b'%d\\n' % child.pid)\n"
-    work += "    os.kill(os.getpid(), signal.SIGSEGV)\n"
-    work += "fork_for_each(socket.socket(fileno=0), work)\n"
     with theirs:
-        process = subprocess.Popen([sys.executable, "-c", work], stdin=theirs.fileno())
+        process = subprocess.Popen([sys.executable, "-c", STARTS_AND_DIES], stdin=theirs.fileno())
     mine, its = socket.socketpair()
     with ours, mine:
         with its:

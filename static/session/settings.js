@@ -22,6 +22,7 @@ const STAGES = {
 const rows = new Map();
 let entries = [];
 let filled = {};
+let told = Promise.resolve(); // of the change before, once it is answered
 
 export async function install() {
   for (const preset of ["robust", "paper"]) byId(`preset-${preset}`).addEventListener("click", () => send({ preset }));
@@ -133,16 +134,20 @@ function fillAnew(method, particles) {
   byId("particle-count").value = particles;
 }
 
-async function send(config, error = null) {
-  try {
-    const session = await call(sessionPath(state.id), { method: "PATCH", body: { config } });
-    update({ session: { ...state.session, config: session.config } });
-    if (error) error.hidden = true;
-  } catch (problem) {
-    if (!error) update({ trouble: problem.message });
-    else {
-      setText(error, problem.message);
-      error.hidden = false;
+// One change after the other: sent side by side they could come in another order than they were made in, and the answer to
+// an earlier one would take away what is wrong with a later one.
+function send(config, error = null) {
+  told = told.then(async () => {
+    try {
+      const session = await call(sessionPath(state.id), { method: "PATCH", body: { config } });
+      update({ session: { ...state.session, config: session.config } });
+      if (error) error.hidden = true;
+    } catch (problem) {
+      if (!error) update({ trouble: problem.message });
+      else {
+        setText(error, problem.message);
+        error.hidden = false;
+      }
     }
-  }
+  });
 }

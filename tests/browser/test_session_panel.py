@@ -173,6 +173,35 @@ def test_settings_count_from_the_next_iteration(page: Page, served: Served, sess
     expect(panel.get_by_label("pixel score")).to_have_value("distance")
 
 
+def test_an_answer_that_comes_late_hides_nothing_of_what_is_wrong_since(
+    page: Page, served: Served, session: str, troubles: Troubles
+) -> None:
+    opened(page, served, session)
+    panel = tab(page, "Settings")
+    field = panel.get_by_label("tolerance end")
+    held: list[Route] = []
+
+    def hold(route: Route) -> None:
+        """Keep the first change on its way."""
+        if route.request.method == "PATCH" and not held:
+            held.append(route)
+        else:
+            route.continue_()
+
+    page.route(f"**{session}", hold)
+    field.fill("2")
+    field.press("Tab")
+    wait(page, lambda: bool(held))
+    troubles.expect("422")
+    field.fill("-1")
+    field.press("Tab")
+    page.wait_for_timeout(300)  # in which a change that does not wait for the one before would be refused
+    held[0].continue_()
+    wait(page, lambda: served.client.get(session).json()["config"].get("tolerance_end") == 0.02)
+    page.wait_for_timeout(300)
+    expect(panel.get_by_role("alert").filter(has_text="at least 0.0001")).to_be_visible()
+
+
 def test_another_method_or_particle_count_begins_a_new_session(page: Page, served: Served, session: str) -> None:
     opened(page, served, session)
     panel = tab(page, "Settings")

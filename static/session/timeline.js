@@ -63,22 +63,25 @@ export function follow(iteration) {
 }
 
 function start() {
-  clearInterval(timer);
+  clearTimeout(timer);
   update({ playback: true });
   let came = performance.now();
-  timer = setInterval(
-    () => {
-      const more = shownIteration() < newestIteration();
-      if (more || iterates()) came = performance.now();
-      if (more) goToIteration(shownIteration() + 1);
-      else if (performance.now() > came + PATIENCE) live();
-    },
-    1000 / Number(byId("speed").value),
-  );
+  const go = () => {
+    const more = shownIteration() < newestIteration();
+    if (more || iterates()) came = performance.now();
+    if (more) goToIteration(shownIteration() + 1);
+    else if (performance.now() > came + PATIENCE) return live();
+    wait();
+  };
+  // not an interval: a page that was held up would make up for it, and jump
+  const wait = () => {
+    timer = setTimeout(go, 1000 / Number(byId("speed").value));
+  };
+  wait();
 }
 
 function stop() {
-  clearInterval(timer);
+  clearTimeout(timer);
   timer = null;
   if (state.playback) update({ playback: false });
 }

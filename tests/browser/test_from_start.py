@@ -73,7 +73,7 @@ def test_what_was_made_before_it_was_opened_is_played(page: Page, served: Served
 
 def test_run_is_followed_at_a_pace_that_can_be_watched(page: Page, served: Served) -> None:
     session = small.after(served.client, 2, name="followed", iterations=100)
-    opened(page, served, session)
+    opened(page, served, session, "?economy=0")  # which tells of some iterations only while a session runs
     page.evaluate(NOTE)
     page.get_by_label("Speed of playing back").select_option("10")
     page.locator("#run-open").click()

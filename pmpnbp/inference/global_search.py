@@ -29,7 +29,7 @@ from pmpnbp.inference.initialisation import matched_roots, prior_roots, random_j
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.rivals import turned, turning_axes
 from pmpnbp.inference.settling import SETTLE_INFORMED, SETTLE_UNINFORMED, Settling, settled, tight_tolerance
-from pmpnbp.inference.tree_estimate import configuration_scores, polish
+from pmpnbp.inference.tree_estimate import configuration_scores, polish, profile_scores
 from pmpnbp.inference.unexplained import is_within_region, unexplained
 from pmpnbp.potentials.unary import explained_share
 from pmpnbp.scene.prior import UniformPrior
@@ -100,7 +100,8 @@ def _looked_elsewhere(
     assert found.rivals is not None
     plan, before = problem.schedule(problem.search_iterations), found.rivals[:ELSEWHERE]
     places = before[:, :7], before[:, 7:]
-    roots, joints, score = polish(rng, problem, *places, plan, tight_tolerance(problem), ELSEWHERE_ROUNDS)
+    roots, joints, _ = polish(rng, problem, *places, plan, problem.tolerance_end, ELSEWHERE_ROUNDS)
+    score = profile_scores(problem, roots, joints)
     rivals = np.concatenate([state.rivals, np.concatenate([roots, joints], axis=1)])
     best = int(score.argmax())
     better = score[best] > report.map_score

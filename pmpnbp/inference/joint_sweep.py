@@ -15,7 +15,7 @@ import numpy as np
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.half_turns import half_turns
 from pmpnbp.inference.problem import Problem
-from pmpnbp.inference.tree_estimate import assemble, configuration_scores, polish
+from pmpnbp.inference.tree_estimate import assemble, configuration_scores, polish, profile_scores
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.settings import Schedule
 
@@ -33,10 +33,10 @@ LOSS_BEFORE, LOSS_AFTER = 0.2, 0.05
 
 
 def sweep(
-    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, plan: Schedule, tolerance: float, most: int
+    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, plan: Schedule, most: int
 ) -> tuple[Array, Array, float]:
-    """The configuration after at most `most` joints were put elsewhere, each for a better score: root pose (7,), joint
-    vector (D,) and score."""
+    """The configuration after at most `most` joints were put elsewhere, each for a better profile score: root pose
+    (7,), joint vector (D,) and score."""
     for _ in range(most):
         here = float(configuration_scores(problem, root[None], joints[None], plan.tolerance)[0])
         others, reached = (found[0] for found in elsewhere(rng, problem, root[None], joints[None], plan))
@@ -51,12 +51,12 @@ def sweep(
         if not len(kept):
             break
         roots, moved = np.concatenate([root[None], roots[kept]]), np.concatenate([joints[None], moved[kept]])
-        roots, moved, score = polish(rng, problem, roots, moved, plan, tolerance, LAST_ROUNDS)
-        best = int(score.argmax())
+        roots, moved, _ = polish(rng, problem, roots, moved, plan, problem.tolerance_end, LAST_ROUNDS)
+        best = int(profile_scores(problem, roots, moved).argmax())
         root, joints = roots[best], moved[best]
         if best == 0:  # no other place is better
             break
-    return root, joints, float(configuration_scores(problem, root[None], joints[None], tolerance)[0])
+    return root, joints, float(profile_scores(problem, root[None], joints[None])[0])
 
 
 def elsewhere(

@@ -16,7 +16,7 @@ from pmpnbp.inference.hypotheses import Hypotheses, distinct
 from pmpnbp.inference.joint_sweep import elsewhere, sweep
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.rivals import look_alikes
-from pmpnbp.inference.tree_estimate import polish
+from pmpnbp.inference.tree_estimate import polish, profile_scores
 from pmpnbp.settings import Schedule
 
 # The last comparison is made at this many times the tolerance that annealing ends at.
@@ -30,6 +30,8 @@ CLOSE = 0.15
 # What looks like a best one that nothing contests; for how many rounds that is polished, at so many times the last
 # tolerance and then at that.
 UNCONTESTED, UNCONTESTED_ROUNDS, LOOSE = 2, 4, 2.0
+# How long those that come near the best are polished, at the tolerance that annealing ends at, before one is chosen.
+DECIDING_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ SETTLE_INFORMED = Settling(finalists=20, mistaken=0, alike=0, stay=8, rounds=2, 
 def settled(
     rng: np.random.Generator, problem: Problem, finalists: Hypotheses, plan: Schedule, effort: Settling
 ) -> tuple[Hypotheses, Array]:
-    """Finalists and what looks like them, polished, and their whole-object scores; `plan` is that of the iteration."""
+    """Finalists and what looks like them, polished, and their profile scores; `plan` is that of the iteration."""
     finalists = finalists.taken(np.arange(min(effort.finalists, len(finalists.roots))))
     if effort.mistaken:
         first = finalists.taken(np.arange(min(effort.mistaken, len(finalists.roots))))
@@ -77,10 +79,27 @@ def settled(
     rivals, score = _polished(rng, problem, rivals, plan, tight, effort.last_rounds)
     if effort.mistaken:
         rivals, score = _contested(rng, problem, rivals, score, replace(plan, tolerance=tight), effort)
+    roots, joints, score = _decided(rng, problem, rivals, plan)
     best = int(score.argmax())
-    roots, joints, score = rivals.roots.copy(), rivals.joints.copy(), score.copy()
-    roots[best], joints[best], score[best] = sweep(rng, problem, roots[best], joints[best], plan, tight, SWEEPS)
+    roots[best], joints[best], score[best] = sweep(rng, problem, roots[best], joints[best], plan, SWEEPS)
     return replace(rivals, roots=roots, joints=joints, part_poses=problem.mrf.part_poses(roots, joints)), score
+
+
+def _decided(
+    rng: np.random.Generator, problem: Problem, rivals: Hypotheses, plan: Schedule
+) -> tuple[Array, Array, Array]:
+    """Roots (H, 7), joints (H, D) and profile scores (H,) of the rivals, of which those that come near the best are
+    polished until millimetres tell them apart."""
+    roots, joints = rivals.roots.copy(), rivals.joints.copy()
+    score = profile_scores(problem, roots, joints)
+    order = np.argsort(-score, kind="stable")
+    order = order[score[order] >= score.max() - CLOSE * abs(score.max())]
+    close, _ = distinct(problem, rivals, order, len(order), plan.diffusion_position)
+    if len(close) > 1:
+        last = problem.tolerance_end
+        roots[close], joints[close], _ = polish(rng, problem, roots[close], joints[close], plan, last, DECIDING_ROUNDS)
+        score[close] = profile_scores(problem, roots[close], joints[close])
+    return roots, joints, score
 
 
 def _promising(problem: Problem, tried: Hypotheses, score: Array, plan: Schedule, most: int) -> Hypotheses:

@@ -33,6 +33,9 @@ ANCHORS = 4
 JOINT_STEP = 0.05
 # The shortest variations, as a share of the diffusion, and the share of the coordinates that one moves.
 SHORTEST, MOVED = 0.02, 0.6
+# Standard deviations of the depths about a configuration, in that for which the tolerance that annealing ends at is
+# made; and the logarithm of the likelihood ratio that a reward of 1 stands for at that one.
+DEVIATIONS, LOG_RATIO = (2.0, 1.0, 0.5), 2.0
 # A part's mean is of the particles within this many diffusion lengths of its best.
 NEAR = 3
 
@@ -61,7 +64,11 @@ def improve(
     roots, joints = assemble(problem.mrf, asked, np.repeat(anchors, len(both)))
     if state.root is not None and state.joints is not None:
         roots, joints = np.concatenate([roots, state.root[None]]), np.concatenate([joints, state.joints[None]])
-    top = configuration_scores(problem, roots, joints, plan.tolerance).argmax()
+    # what a search has told apart by millimetres is not to be confused again while the tolerance shrinks
+    if problem.search_iterations:
+        top = profile_scores(problem, roots, joints).argmax()
+    else:
+        top = configuration_scores(problem, roots, joints, plan.tolerance).argmax()
     roots, joints, scores = polish(rng, problem, roots[[top]], joints[[top]], plan, plan.tolerance, rounds=2)
     root, q, score, nuisances = roots[0], joints[0], float(scores[0]), None
     if problem.nuisances is not None:
@@ -123,6 +130,24 @@ def configuration_scores(problem: Problem, roots: Array, joints: Array, toleranc
     pixel_score = problem.score(tolerance)
     score = object_scores(problem.observation, problem.surfaces, part_poses, pixel_score, problem.nuisances)
     return problem.plus_prior(score, part_poses[:, problem.prior_node])
+
+
+def profile_scores(problem: Problem, roots: Array, joints: Array) -> Array:
+    """Whole-object log scores (C,) of root poses (C, 7) and joint vectors (C, D), the prior included, each at that of
+    the DEVIATIONS which makes it most likely: a profile likelihood, in the units of `configuration_scores` at the
+    tolerance that annealing ends at.
+
+    A deviation that is wide enough for a model that is wrong by centimetres is too wide to tell a lid from a base: how
+    far the depths are off is for each configuration to say (docs/algorithm.md, "The likelihood").
+    """
+    part_poses = problem.mrf.part_poses(roots, joints)
+    found = []
+    for deviation in DEVIATIONS:
+        share = 1.0 - np.log(deviation) / LOG_RATIO
+        pixel_score = problem.score(deviation * np.sqrt(share) * problem.tolerance_end)
+        score = object_scores(problem.observation, problem.surfaces, part_poses, pixel_score, problem.nuisances)
+        found.append(share * score)
+    return problem.plus_prior(np.max(found, axis=0), part_poses[:, problem.prior_node])
 
 
 def assemble(mrf: Mrf, part_poses: Array, anchor: NDArray[np.int64] | int) -> tuple[Array, Array]:

@@ -89,7 +89,7 @@ def test_the_sweep_comes_back_from_a_wrist_bent_the_other_way(monkeypatch: pytes
 
     def swept() -> np.ndarray:
         rng = np.random.default_rng(0)
-        return joint_sweep.sweep(rng, scene, root, wrong[0, 1], plan, 0.024, 1)[1]
+        return joint_sweep.sweep(rng, scene, root, wrong[0, 1], plan, 1)[1]
 
     assert abs(wrong[0, 1, 2] - truth[2]) > 1.0
     np.testing.assert_allclose(swept(), truth, atol=0.15)

@@ -9,7 +9,7 @@ from pmpnbp.inference import joint_sweep
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference.joint_sweep import APART, PLACES, elsewhere, sweep
 from pmpnbp.inference.problem import Problem
-from pmpnbp.inference.tree_estimate import configuration_scores, polish
+from pmpnbp.inference.tree_estimate import configuration_scores, polish, profile_scores
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.settings import Schedule, schedule
 from tests.inference import small_worlds as worlds
@@ -39,15 +39,15 @@ def test_a_joint_in_a_wrong_place_is_found(chain: tuple[Problem, np.ndarray, np.
     wrong = truth.copy()
     wrong[joint] = -truth[joint]
     local = polish(np.random.default_rng(0), problem, root[None], wrong[None], plan, TOLERANCE, 10)
-    _, found, score = sweep(np.random.default_rng(0), problem, root, wrong, plan, TOLERANCE, 3)
+    _, found, score = sweep(np.random.default_rng(0), problem, root, wrong, plan, 3)
     np.testing.assert_allclose(found, truth, atol=0.15)  # its wrong place is 1.2 away and more
-    assert score > local[2][0]
+    assert score > profile_scores(problem, *local[:2])[0]
 
 
 def test_the_truth_stays(chain: tuple[Problem, np.ndarray, np.ndarray]) -> None:
     problem, root, truth = chain
-    before = configuration_scores(problem, root[None], truth[None], TOLERANCE)[0]
-    _, found, score = sweep(np.random.default_rng(0), problem, root, truth, search_end(problem), TOLERANCE, 3)
+    before = profile_scores(problem, root[None], truth[None])[0]
+    _, found, score = sweep(np.random.default_rng(0), problem, root, truth, search_end(problem), 3)
     assert score >= before
     np.testing.assert_allclose(found, truth, atol=0.15)  # its wrong place is 1.2 away and more
 
@@ -66,16 +66,16 @@ def test_a_step_that_finds_no_better_place_is_the_last(
     monkeypatch.setattr(joint_sweep, "elsewhere", counted)
     monkeypatch.setattr(joint_sweep, "LOSS_BEFORE", 100.0)
     monkeypatch.setattr(joint_sweep, "LOSS_AFTER", 100.0)
-    sweep(np.random.default_rng(0), problem, root, truth, search_end(problem), TOLERANCE, 3)
+    sweep(np.random.default_rng(0), problem, root, truth, search_end(problem), 3)
     assert len(steps) == 1
 
 
 def test_no_joint_may_move_when_none_is_asked_for(chain: tuple[Problem, np.ndarray, np.ndarray]) -> None:
     problem, root, truth = chain
-    same, joints, score = sweep(np.random.default_rng(0), problem, root, truth, search_end(problem), TOLERANCE, 0)
+    same, joints, score = sweep(np.random.default_rng(0), problem, root, truth, search_end(problem), 0)
     np.testing.assert_array_equal(same, root)
     np.testing.assert_array_equal(joints, truth)
-    assert score == configuration_scores(problem, root[None], truth[None], TOLERANCE)[0]
+    assert score == profile_scores(problem, root[None], truth[None])[0]
 
 
 def test_elsewhere_is_far_from_here_and_worth_what_it_says(chain: tuple[Problem, np.ndarray, np.ndarray]) -> None:

@@ -6,11 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import mrf, problem, run
-from pmpnbp.inference.tree_estimate import assemble, configuration_scores, improve, polish, vary
+from pmpnbp.inference.tree_estimate import (
+    DEVIATIONS,
+    LOG_RATIO,
+    assemble,
+    configuration_scores,
+    improve,
+    polish,
+    profile_scores,
+    vary,
+)
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.settings import schedule
@@ -175,3 +185,33 @@ def test_every_report_agrees_with_the_tree(scene: problem.Problem) -> None:
         again = model.part_poses(report.map_poses[0], report.map_joints)
         np.testing.assert_allclose(report.map_poses[..., :3], again[..., :3], atol=1e-9)
         assert np.all((report.map_joints >= model.lower - 1e-9) & (report.map_joints <= model.upper + 1e-9))
+
+
+@pytest.mark.parametrize("off", [0.0, 0.003, 0.006, 0.01, 0.014])
+def test_a_profile_score_is_that_of_the_most_likely_normal_error(off: float) -> None:
+    """A box seen from the front, every depth off by as much: against the densities that the score stands for."""
+    model = worlds.articulated([], {"link0": worlds.block([0.2, 0.3, 0.3])})
+    truth, none = worlds.at(1.0), np.zeros((1, 0))
+    camera = worlds.camera_at([0.0, 0.0, 0.0], [1.0, 0.0, 0.0])
+    scene = problem.build(
+        model, worlds.seen(model, truth, none[0], camera), UniformPrior("upright"), worlds.settings(), particles=40
+    )
+    here, there = (profile_scores(scene, worlds.at(1.0 + by)[None], none)[0] for by in (0.0, off))
+    unit = scene.tolerance_end / np.sqrt(2 * LOG_RATIO)
+    deviations = unit * np.array(DEVIATIONS)
+    # of what else is there the density is such that the ratio of both is e to the LOG_RATIO for an error of none
+    elsewhere = norm.pdf(0.0, scale=unit) / np.exp(LOG_RATIO)
+    pixels = here / (np.log(norm.pdf(0.0, scale=deviations) / elsewhere).max() / LOG_RATIO)
+    assert pixels > 300
+    expected = pixels * np.log(norm.pdf(off, scale=deviations) / elsewhere).max() / LOG_RATIO
+    # the rim of a box that is farther away has a pixel less here and there
+    assert there == pytest.approx(expected, rel=0.05, abs=0.02 * pixels)
+
+
+def test_a_prior_counts_once_in_a_profile_score(scene: problem.Problem, rng: np.random.Generator) -> None:
+    root, joints = worlds.cupboard_truth()
+    informed = problem.build(
+        scene.mrf.model, scene.observation, worlds.rough_prior(rng, root), scene.settings, particles=40
+    )
+    plain, held = (profile_scores(made, root[None], joints[None]) for made in (scene, informed))
+    np.testing.assert_allclose(held - plain, informed.plus_prior(np.zeros(1), root[None]), rtol=1e-6, atol=1e-6)

@@ -1,8 +1,8 @@
 """Which of the search's hypotheses is the best, once each is in its best place? The last word of the search.
 
 Until here a good hypothesis a little out of place may have been worth less than a wrong one in its best place. So those
-that are left are polished, what looks like them and what has a joint elsewhere beside, and compared at a tight
-tolerance.
+that are left are polished, what looks like them and what has a joint elsewhere beside, and compared each at the
+spread that its own depths have.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.hypotheses import Hypotheses, distinct
@@ -19,7 +20,7 @@ from pmpnbp.inference.rivals import look_alikes
 from pmpnbp.inference.tree_estimate import polish, profile_scores
 from pmpnbp.settings import Schedule
 
-# The last comparison is made at this many times the tolerance that annealing ends at.
+# The tight tolerance, at which rivals are polished, is this many times the one that annealing ends at.
 FINAL_TOLERANCE = 2.0
 # Joints of the winner that may be put elsewhere after that.
 SWEEPS = 3
@@ -41,7 +42,7 @@ class Settling:
     finalists : hypotheses that are polished for a round; mistaken : those of them that others of the same look are made
     of; alike : how many of these are polished with them; stay : how many are left after it, and of these and as many
     with a joint elsewhere after another round; rounds : that those are polished for then; rivals, last_rounds : the
-    distinct ones among them that are polished at the last tolerance, and for how long
+    distinct ones among them that are polished at the tight tolerance, and for how long
     """
 
     finalists: int
@@ -92,9 +93,7 @@ def _decided(
     polished until millimetres tell them apart."""
     roots, joints = rivals.roots.copy(), rivals.joints.copy()
     score = profile_scores(problem, roots, joints)
-    order = np.argsort(-score, kind="stable")
-    order = order[score[order] >= score.max() - CLOSE * abs(score.max())]
-    close, _ = distinct(problem, rivals, order, len(order), plan.diffusion_position)
+    close = _near_best(problem, rivals, score, plan, CLOSE, len(score))
     if len(close) > 1:
         last = problem.tolerance_end
         roots[close], joints[close], _ = polish(rng, problem, roots[close], joints[close], plan, last, DECIDING_ROUNDS)
@@ -104,10 +103,18 @@ def _decided(
 
 def _promising(problem: Problem, tried: Hypotheses, score: Array, plan: Schedule, most: int) -> Hypotheses:
     """Of the `most` best of those tried, best first, one for each place they came to, and none far behind the best."""
+    return tried.taken(_near_best(problem, tried, score, plan, HOPELESS, most))
+
+
+def _near_best(
+    problem: Problem, tried: Hypotheses, score: Array, plan: Schedule, behind: float, most: int
+) -> NDArray[np.int64]:
+    """Rows of those of the `most` best, best first, that are not `behind` the best by a larger share of its score, one
+    for each place."""
     order = np.argsort(-score, kind="stable")[:most]
-    order = order[score[order] >= score.max() - HOPELESS * abs(score.max())]
+    order = order[score[order] >= score.max() - behind * abs(score.max())]
     chosen, _ = distinct(problem, tried, order, len(order), plan.diffusion_position)
-    return tried.taken(chosen)
+    return chosen
 
 
 def _contested(
@@ -145,7 +152,7 @@ def _with_a_joint_elsewhere(
 
 
 def tight_tolerance(problem: Problem) -> float:
-    """Metres: the tolerance of the search's last word."""
+    """Metres: at which the search's rivals are polished, and what it found has to be confirmed."""
     return FINAL_TOLERANCE * problem.tolerance_end
 
 

@@ -16,7 +16,7 @@ from pmpnbp.inference.belief import Belief, IterationReport, State
 from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.mrf import LEAST_LEVER, Mrf
 from pmpnbp.inference.nuisance_fit import fitted
-from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.problem import DEVIATIONS, Problem
 from pmpnbp.inference.registration import register
 from pmpnbp.potentials.joint_projection import LENGTH_PER_RADIAN, closest_axes
 from pmpnbp.potentials.kernels import tree as kernel
@@ -35,7 +35,7 @@ JOINT_STEP = 0.05
 SHORTEST, MOVED = 0.02, 0.6
 # Standard deviations of the depths about a configuration, in that for which the tolerance that annealing ends at is
 # made; and the logarithm of the likelihood ratio that a reward of 1 stands for at that one.
-DEVIATIONS, LOG_RATIO = (2.0, 1.0, 0.5), 2.0
+SPREADS, LOG_RATIO = (2.0, 1.0, 0.5), DEVIATIONS**2 / 2
 # A part's mean is of the particles within this many diffusion lengths of its best.
 NEAR = 3
 
@@ -134,17 +134,17 @@ def configuration_scores(problem: Problem, roots: Array, joints: Array, toleranc
 
 def profile_scores(problem: Problem, roots: Array, joints: Array) -> Array:
     """Whole-object log scores (C,) of root poses (C, 7) and joint vectors (C, D), the prior included, each at that of
-    the DEVIATIONS which makes it most likely: a profile likelihood, in the units of `configuration_scores` at the
+    the SPREADS which makes it most likely: a profile likelihood, in the units of `configuration_scores` at the
     tolerance that annealing ends at.
 
-    A deviation that is wide enough for a model that is wrong by centimetres is too wide to tell a lid from a base: how
+    A spread that is wide enough for a model that is wrong by centimetres is too wide to tell a lid from a base: how
     far the depths are off is for each configuration to say (docs/algorithm.md, "The likelihood").
     """
     part_poses = problem.mrf.part_poses(roots, joints)
     found = []
-    for deviation in DEVIATIONS:
-        share = 1.0 - np.log(deviation) / LOG_RATIO
-        pixel_score = problem.score(deviation * np.sqrt(share) * problem.tolerance_end)
+    for spread in SPREADS:
+        share = 1.0 - np.log(spread) / LOG_RATIO
+        pixel_score = problem.score(spread * np.sqrt(share) * problem.tolerance_end)
         score = object_scores(problem.observation, problem.surfaces, part_poses, pixel_score, problem.nuisances)
         found.append(share * score)
     return problem.plus_prior(np.max(found, axis=0), part_poses[:, problem.prior_node])

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import log_weights as lw
-from pmpnbp.inference.belief import FLIP, OWN, START, SURFACE, Belief, IterationReport, Origin, State
+from pmpnbp.inference.belief import FLIP, OWN, Belief, IterationReport, Origin, State
 from pmpnbp.inference.chain_growth import grow
-from pmpnbp.inference.hypotheses import Hypotheses, Proposals, distinct, ranked, walk
-from pmpnbp.inference.initialisation import matched_roots, prior_roots, random_joints
+from pmpnbp.inference.hypotheses import SEARCH_POINTS, Hypotheses, Proposals, distinct, ranked, walk
+from pmpnbp.inference.initialisation import fresh_roots, random_joints
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.rivals import turned, turning_axes
 from pmpnbp.inference.settling import SETTLE_INFORMED, SETTLE_UNINFORMED, Settling, settled, tight_tolerance
@@ -47,8 +47,8 @@ TURNED, TURNED_ABOUT_ANY = 0.3, 0.5
 COMPARED, RENDERED = 10, 4
 # Islands that the first iteration leaves, in those of the last.
 FIRST_ISLANDS = 3
-# With a prior this share of them, as fewer places compete.
-INFORMED_ISLANDS = 0.5
+# With a narrow prior this share of them, as fewer places compete.
+NARROW_ISLANDS = 0.25
 # Hypotheses nearer than this many diffusion lengths are one.
 DISTINCT = 1.5
 # Places that are found in what the best one left unexplained, for so many rounds polished on all of the scan.
@@ -138,7 +138,7 @@ def _searched(
     nothing = number == 1 and (anew or state.search_after == 0)
     parents = None if nothing else np.unique(state.belief.origin.island[0], return_index=True)[1]
     proposals, kept = _proposals(rng, state, problem, plan, number, parents)
-    effort = SETTLE_UNINFORMED if isinstance(problem.prior, UniformPrior) else SETTLE_INFORMED
+    effort = SETTLE_INFORMED if problem.narrow else SETTLE_UNINFORMED
     last = number == problem.search_iterations
     return compared(
         rng, state, problem, proposals, kept, plan, _islands(problem, number), effort if last else None, "search"
@@ -172,7 +172,11 @@ def compared(
     whole = configuration_scores(problem, tried.roots[leaders], tried.joints[leaders], plan.tolerance)
     best_first = np.argsort(-whole, kind="stable")[:islands]
     rivals = None
-    if effort is not None:
+    if effort is None:
+        tried, whole[best_first] = _registered(rng, problem, tried, leaders[best_first], plan)
+        total = problem.plus_prior(tried.unary.sum(axis=1), tried.part_poses[:, problem.prior_node])
+        best_first = best_first[np.argsort(-whole[best_first], kind="stable")]
+    else:
         tried, total = settled(rng, problem, tried.taken(leaders[best_first]), plan, effort)
         order = leaders = member_of = np.arange(len(total))
         whole, best_first = total, np.argsort(-total, kind="stable")
@@ -199,11 +203,30 @@ def compared(
     return new, report
 
 
+def _registered(
+    rng: np.random.Generator, problem: Problem, tried: Hypotheses, rows: NDArray[np.int64], plan: Schedule
+) -> tuple[Hypotheses, Array]:
+    """Those tried, of which those at `rows` are one step of registration further, and the whole-object scores of these:
+    a few centimetres off, a right place is worth less than many a wrong one in the next iteration, which is stricter,
+    and its offspring, moved at random, seldom come nearer in all of its coordinates."""
+    roots, joints, part_poses, unary = (
+        each.copy() for each in (tried.roots, tried.joints, tried.part_poses, tried.unary)
+    )
+    roots[rows], joints[rows], score = polish(
+        rng, problem, roots[rows], joints[rows], plan, plan.tolerance, rounds=1, draws=False
+    )
+    part_poses[rows] = problem.mrf.part_poses(roots[rows], joints[rows])
+    nodes = np.tile(np.arange(problem.mrf.nodes, dtype=np.int32), len(rows))
+    part_scores = problem.unary(nodes, part_poses[rows].reshape(-1, 7), plan.tolerance, "splats", SEARCH_POINTS)
+    unary[rows] = part_scores.reshape(len(rows), -1)
+    return replace(tried, roots=roots, joints=joints, part_poses=part_poses, unary=unary), score
+
+
 def _islands(problem: Problem, number: int) -> int:
-    """Islands that iteration `number` of the search leaves: those of the setting in the end, with a prior
-    INFORMED_ISLANDS of these; FIRST_ISLANDS times as many at first, as early scores say little, and fewer by and by."""
+    """Islands that iteration `number` of the search leaves: those of the setting in the end, with a narrow prior
+    NARROW_ISLANDS of these; FIRST_ISLANDS times as many at first, as early scores say little, and fewer by and by."""
     left = (problem.search_iterations - number) / max(problem.search_iterations - 1, 1)
-    share = 1.0 if isinstance(problem.prior, UniformPrior) else INFORMED_ISLANDS
+    share = NARROW_ISLANDS if problem.narrow else 1.0
     return max(round(problem.settings.search_islands * share * (1 + (FIRST_ISLANDS - 1) * left)), 1)
 
 
@@ -218,19 +241,14 @@ def _proposals(
     """Roots, joints, source and ancestor: new ones, and offspring of the islands, whose best particles are `parents`
     (most of them later on); and which of them are the islands themselves."""
     count = problem.search_proposals
-    informed = not isinstance(problem.prior, UniformPrior)
     share = min(MOST_OFFSPRING, OFFSPRING + MORE_OFFSPRING * number / problem.search_iterations)
     offspring = 0 if parents is None else round(count * share)
     fresh = count - offspring
     if parents is not None:  # of few proposals half at least are other than the islands themselves
         parents = parents[: max(offspring // 2, 1)]
     joints = random_joints(rng, problem, fresh)
-    new = Proposals(
-        roots=prior_roots(rng, problem, joints) if informed else matched_roots(rng, problem, joints),
-        joints=joints,
-        source=np.full(fresh, START if informed else SURFACE, dtype=np.uint8),
-        ancestor=np.full(fresh, -1, dtype=np.int32),
-    )
+    roots, source = fresh_roots(rng, problem, joints)
+    new = Proposals(roots=roots, joints=joints, source=source, ancestor=np.full(fresh, -1, dtype=np.int32))
     if parents is None:
         return new, slice(0)
     return new.joined(_offspring(rng, state, problem, plan, parents, offspring)), slice(fresh, fresh + len(parents))

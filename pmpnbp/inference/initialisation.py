@@ -8,10 +8,11 @@ filter starts from whole objects, whose root is drawn as each part is in belief 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.belief import START, Belief, Origin, State
+from pmpnbp.inference.belief import START, SURFACE, Belief, Origin, State
 from pmpnbp.inference.problem import Problem
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.scene.surface_points import drawn_points, surface
@@ -19,6 +20,11 @@ from pmpnbp.scene.surface_points import drawn_points, surface
 # How often pairs of points whose inclinations differ are drawn again, and by how much the z components of their
 # normals may differ.
 REDRAWS, INCLINATION = 12, 0.2
+# With a gaussian prior, the share of a search's first proposals that is moved onto the scan, to one of so many points;
+# the scale of how much the cosine of the angle between normals may lack, and the least one that is taken; deviations of
+# the prior beyond which no point is looked at.
+MATCHED, CANDIDATES = 0.9, 32
+DISAGREEMENT, LEAST_AGREEMENT, FARTHEST = 0.06, 0.85, 3.0
 # A normal whose horizontal part is shorter than this says nothing of the yaw.
 HORIZONTAL = 0.5
 
@@ -92,6 +98,55 @@ def prior_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> Ar
     )
     pose_root_part = problem.mrf.part_poses(poses.IDENTITY, joints)[..., problem.prior_node, :]
     return poses.multiply(drawn, poses.inverse(pose_root_part))
+
+
+def fresh_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> tuple[Array, NDArray[np.uint8]]:
+    """Root poses (count, 7) that a search begins with, its joints at `joints` (count, D), and the source (count,) of
+    each, as in `Origin`: from matches of surface points; with a gaussian prior a few that are only drawn from it, as
+    nothing of the object may be seen there."""
+    source = np.full(len(joints), SURFACE, dtype=np.uint8)
+    if isinstance(problem.prior, UniformPrior):
+        return matched_roots(rng, problem, joints), source
+    roots = prior_roots(rng, problem, joints)
+    matched = round(MATCHED * len(roots))
+    roots[:matched] = _moved_onto_the_scan(rng, problem, roots[:matched], joints[:matched])
+    source[matched:] = START
+    return roots, source
+
+
+def _moved_onto_the_scan(rng: np.random.Generator, problem: Problem, roots: Array, joints: Array) -> Array:
+    """Root poses (count, 7), drawn from the gaussian prior, each moved so that a random surface point of the object
+    lies on a point of the scan: one of some CANDIDATES, drawn by how well its normal agrees and by the prior at the
+    pose so moved. A point of the object that finds no such normal, for one that is turned away, is drawn again."""
+    prior, observation = problem.prior, problem.observation
+    assert not isinstance(prior, UniformPrior)
+    part_poses = problem.mrf.part_poses(roots, joints)
+    middles = poses.transform_points(part_poses, problem.mrf.centres)
+    offset = part_poses[:, problem.prior_node, :3] - problem.prior_pose[:3]
+    size = np.linalg.norm(middles - part_poses[:, [problem.prior_node], :3], axis=2) + problem.mrf.radii
+    reach = FARTHEST * float(np.max(prior.std_xyz)) + float(size.max(initial=0.0))
+    near = np.flatnonzero(np.linalg.norm(observation.points - problem.prior_pose[:3], axis=1) < reach)
+    moved = roots.copy()
+    if not len(near):
+        return moved
+    whole = surface([part.inference_mesh for part in problem.mrf.model.parts])
+    waiting = np.arange(len(roots))
+    for _ in range(REDRAWS):
+        point, normal, part = drawn_points(rng, whole, len(waiting))
+        here = poses.transform_points(part_poses[waiting, part], point)
+        seen = near[rng.integers(len(near), size=(len(waiting), CANDIDATES))]
+        shift = observation.points[seen] - here[:, None]
+        turned = poses.rotate(part_poses[waiting, part, 3:], normal)
+        agreement = np.einsum("pkc,pc->pk", observation.normals[seen], turned)
+        deviates = (offset[waiting, None] + shift) / prior.std_xyz
+        log_density = (agreement - 1.0) / DISAGREEMENT - 0.5 * np.einsum("pkc,pkc->pk", deviates, deviates)
+        chosen = (log_density + rng.gumbel(size=log_density.shape)).argmax(axis=1)
+        each = np.arange(len(waiting))
+        moved[waiting, :3] = roots[waiting, :3] + shift[each, chosen]
+        waiting = waiting[agreement[each, chosen] < LEAST_AGREEMENT]
+        if not len(waiting):
+            break
+    return moved
 
 
 def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> Array:

@@ -11,20 +11,20 @@ until its neighbours have followed.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.half_turns import half_turns
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import assemble, configuration_scores, polish, profile_scores
-from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.settings import Schedule
 
 # Positions over a joint's range, at least and at most: as many as leave the part no farther than the tolerance from one
-# of them; and the least share of the range that makes another position of it.
+# of them.
 FEWEST, MOST = 12, 36
-APART = 0.1
-# Places of a joint that are told apart: a part that is hidden in one fits as well into any other that hides it.
-PLACES = 2
+# Other places of a joint that are tried; and how much lower than both the score has to be between two of them, as a
+# share of the present one.
+PLACES, DIP = 2, 0.05
 # Joints whose best other position is polished, those of them that are polished on, and for how many rounds each.
 CANDIDATES, FINALISTS = 12, 2
 ROUNDS, LAST_ROUNDS = 2, 6
@@ -60,14 +60,21 @@ def sweep(
 
 
 def elsewhere(
-    rng: np.random.Generator, problem: Problem, roots: Array, joints: Array, plan: Schedule
+    rng: np.random.Generator, problem: Problem, roots: Array, joints: Array, plan: Schedule, *, anywhere: bool = False
 ) -> tuple[Array, Array]:
     """Joint vectors (H, J, D) of each of H configurations (H, 7), (H, D) with one of its joints moved, each to its best
-    PLACES, well away from its present one and from each other, then with three of them moved (see `half_turns`); and
-    their scores (H, J), -inf where a joint has no such place."""
+    PLACES, then with three of them moved (see `half_turns`); and their scores (H, J), -inf where a joint has no such
+    place.
+
+    Positions are of one place where no score on the way from one to the other is lower than both by more than a DIP:
+    behind another part a joint may be anywhere, and that it is the best of one place must not hide the second best.
+    anywhere : whether the place that the joint is in now may be found as well
+    """
     model, mrf, many = problem.mrf.model, problem.mrf, len(roots)
     part_poses = mrf.part_poses(roots, joints)
     rows = np.arange(many)
+    here = configuration_scores(problem, roots, joints, plan.tolerance)
+    dip = DIP * np.abs(here)
     found, scores = [], []
     for number in mrf.tree:
         edge = model.edges[number]
@@ -83,17 +90,22 @@ def elsewhere(
             moved = np.repeat(part_poses[:, None], count, axis=1)
             moved[:, :, edge.child] = mrf.part_poses(roots[:, None], carried)[:, :, edge.child]
             _, kept = assemble(mrf, moved.reshape(-1, *part_poses.shape[1:]), 0)
-            tried = np.concatenate([carried, kept.reshape(carried.shape)], axis=1)
-            positions = np.tile(positions, 2)
-            far = _gap(model, coordinate, positions, joints[:, coordinate, None]) > APART * span
-            score = np.full(far.shape, -np.inf)
-            score[far] = configuration_scores(problem, roots[np.nonzero(far)[0]], tried[far], plan.tolerance)
+            tried = np.stack([carried, kept.reshape(carried.shape)], axis=1)
+            every = np.repeat(roots, 2 * count, axis=0)
+            score = configuration_scores(problem, every, tried.reshape(-1, model.dof), plan.tolerance)
+            score, tried = score.reshape(2 * many, count), tried.reshape(2 * many, count, model.dof)
+            taken = np.zeros(score.shape, dtype=bool)
+            wraps = bool(model.wraps[coordinate])
+            if not anywhere:
+                before = np.repeat((positions < joints[:, coordinate, None]).sum(axis=1), 2)
+                taken |= _basin(score, before, np.repeat(here, 2), np.repeat(dip, 2), wraps)
             for _ in range(PLACES):
-                best = score.argmax(axis=1)
-                found.append(tried[None, rows, best])
-                scores.append(score[None, rows, best])
-                taken = positions[rows, best, None]
-                score[_gap(model, coordinate, positions, taken) <= APART * span] = -np.inf
+                left = np.where(taken, -np.inf, score).reshape(many, 2 * count)
+                which, best = np.divmod(left.argmax(axis=1), count)
+                row = 2 * rows + which
+                found.append(tried[None, row, best])
+                scores.append(left[None, rows, which * count + best])
+                taken |= np.repeat(_basin(score[row], best, score[row, best], dip, wraps), 2, axis=0)
     turned, possible = half_turns(mrf, part_poses, joints)
     score = np.full(possible.shape, -np.inf)
     which = np.nonzero(possible)
@@ -103,7 +115,17 @@ def elsewhere(
     return np.swapaxes(np.concatenate(found), 0, 1), np.concatenate(scores).T
 
 
-def _gap(model: ArticulatedObject, coordinate: int, one: Array, other: Array) -> Array:
-    """How far a joint coordinate moves from one position to another, metres or radians; full turns count nothing."""
-    gap = np.abs(one - other)
-    return np.minimum(gap, model.upper[coordinate] - model.lower[coordinate] - gap) if model.wraps[coordinate] else gap
+def _basin(score: Array, start: NDArray[np.int64], value: Array, most: Array, wraps: bool) -> NDArray[np.bool_]:
+    """Which of the scores (R, C), in the order of their positions, belong to the place whose score is `value` (R,) and
+    which is at number `start` (R,) or just before it: those to which, both ways, no rise by more than `most` (R,)
+    leads."""
+    count = score.shape[1]
+    rows, steps = np.arange(len(score))[:, None], np.arange(count)
+    inside = np.zeros(score.shape, dtype=bool)
+    for way in (steps, -1 - steps):
+        place = start[:, None] + way
+        there = score[rows, place % count]
+        lowest = np.minimum(np.minimum.accumulate(there, axis=1), value[:, None])
+        reached = (there - lowest <= most[:, None]) & (wraps | ((place >= 0) & (place < count)))
+        inside[rows, place % count] |= np.logical_and.accumulate(reached, axis=1)
+    return inside

@@ -7,6 +7,8 @@ by quarters about the root part's middle or the object's, and with one part laid
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,6 +54,19 @@ def look_alikes(
     tried = tried.taken(best)
     score = configuration_scores(problem, tried.roots, tried.joints, plan.tolerance)
     return tried.taken(np.argsort(-score, kind="stable")[:most])
+
+
+def shifted(rng: np.random.Generator, problem: Problem, finalists: Hypotheses) -> Hypotheses:
+    """The finalists moved, not turned, so that the middle of one part is where that of another of about its size was: a
+    closed lid in the base's place, the base below the table, explains most of a laptop that is open by a little."""
+    pairs = rng.permutation(np.array(like_parts(problem), dtype=np.int64).reshape(-1, 2))[:PAIRS]
+    moved = finalists.taken(np.repeat(np.arange(len(finalists.roots)), len(pairs)))
+    one, other = np.tile(pairs, (len(finalists.roots), 1)).T
+    each = np.arange(len(one))
+    middles = poses.transform_points(moved.part_poses, problem.mrf.centres)
+    roots = moved.roots.copy()
+    roots[:, :3] += middles[each, other] - middles[each, one]
+    return replace(moved, roots=roots, part_poses=problem.mrf.part_poses(roots, moved.joints))
 
 
 def turned(roots: Array, centre: Array, axis: Array, quarters: NDArray[np.int64] | int) -> Array:

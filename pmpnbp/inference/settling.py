@@ -16,7 +16,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.hypotheses import Hypotheses, distinct
 from pmpnbp.inference.joint_sweep import elsewhere, sweep
 from pmpnbp.inference.problem import Problem
-from pmpnbp.inference.rivals import look_alikes
+from pmpnbp.inference.rivals import look_alikes, shifted
 from pmpnbp.inference.tree_estimate import polish, profile_scores
 from pmpnbp.settings import Schedule
 
@@ -54,7 +54,7 @@ class Settling:
     last_rounds: int
 
 
-# Without a prior places of the same look compete, which differ by little until they are exact; a prior leaves mostly
+# Without a narrow prior places of the same look compete, which differ by little until they are exact; one leaves mostly
 # one.
 SETTLE_UNINFORMED = Settling(finalists=40, mistaken=6, alike=20, stay=16, rounds=2, rivals=6, last_rounds=8)
 SETTLE_INFORMED = Settling(finalists=20, mistaken=0, alike=0, stay=8, rounds=2, rivals=2, last_rounds=4)
@@ -120,31 +120,40 @@ def _near_best(
 def _contested(
     rng: np.random.Generator, problem: Problem, rivals: Hypotheses, score: Array, plan: Schedule, effort: Settling
 ) -> tuple[Hypotheses, Array]:
-    """Rivals and their scores (H,), and what looks like the best of them, polished as well: of two places that look the
-    same the right one may have been lost on the way. Where several places of the root come near the best, also what
-    looks like these, and these with a joint elsewhere, polished as long: none of them may be the right one."""
+    """Rivals and their profile scores (H,), and what looks like the best of them, and this with a part where another
+    was, polished as well: of two places that look the same the right one may have been lost on the way. Where several
+    places of the root come near the best, the same of each, and these with a joint elsewhere: none of them may be the
+    right one."""
     order = np.argsort(-score, kind="stable")
     by_root = replace(rivals, unary=np.where(np.arange(problem.mrf.nodes) == 0, rivals.unary, 0.0))
     apart, _ = distinct(problem, by_root, order, len(order), plan.diffusion_position)
     close = apart[score[apart] >= score.max() - CLOSE * abs(score.max())]
     near = rivals.taken(close)
+    others = _with_a_joint_elsewhere(rng, problem, shifted(rng, problem, near), plan, effort.rivals, anywhere=True)
     if len(close) == 1:
-        others = look_alikes(rng, problem, near, plan, UNCONTESTED)
-        others, _ = _polished(rng, problem, others, plan, LOOSE * plan.tolerance, UNCONTESTED_ROUNDS)
-        others, reached = _polished(rng, problem, others, plan, plan.tolerance, UNCONTESTED_ROUNDS)
-        return rivals.joined(others), np.concatenate([score, reached])
-    others = look_alikes(rng, problem, near, plan, effort.rivals)
-    others = others.joined(_with_a_joint_elsewhere(rng, problem, near, plan, effort.rivals))
-    others, reached = _polished(rng, problem, others, plan, plan.tolerance, effort.last_rounds)
+        alike = look_alikes(rng, problem, near, plan, UNCONTESTED)
+        alike, _ = _polished(rng, problem, alike, plan, LOOSE * plan.tolerance, UNCONTESTED_ROUNDS)
+        others, rounds = others.joined(alike), UNCONTESTED_ROUNDS
+    else:
+        others = others.joined(look_alikes(rng, problem, near, plan, effort.rivals))
+        others = others.joined(_with_a_joint_elsewhere(rng, problem, near, plan, effort.rivals))
+        rounds = effort.last_rounds
+    others, reached = _polished(rng, problem, others, plan, plan.tolerance, rounds)
     return rivals.joined(others), np.concatenate([score, reached])
 
 
 def _with_a_joint_elsewhere(
-    rng: np.random.Generator, problem: Problem, finalists: Hypotheses, plan: Schedule, most: int
+    rng: np.random.Generator,
+    problem: Problem,
+    finalists: Hypotheses,
+    plan: Schedule,
+    most: int,
+    *,
+    anywhere: bool = False,
 ) -> Hypotheses:
-    """At most `most` of the finalists with one joint in the best of its other places, those with the best whole-object
-    scores: a part that hides behind another was put where it explains that one's pixels once more."""
-    joints, score = elsewhere(rng, problem, finalists.roots, finalists.joints, plan)
+    """At most `most` of the finalists with one joint in the best of its other places, or `anywhere`, those with the
+    best whole-object scores: a part that hides behind another was put where it explains that one's pixels once more."""
+    joints, score = elsewhere(rng, problem, finalists.roots, finalists.joints, plan, anywhere=anywhere)
     best = np.argsort(-score, axis=None, kind="stable")[: min(most, np.isfinite(score).sum())]
     row, moved = np.unravel_index(best, score.shape)
     others, chosen = finalists.taken(row), joints[row, moved]
@@ -159,6 +168,7 @@ def tight_tolerance(problem: Problem) -> float:
 def _polished(
     rng: np.random.Generator, problem: Problem, tried: Hypotheses, plan: Schedule, tolerance: float, rounds: int
 ) -> tuple[Hypotheses, Array]:
-    """Hypotheses moved to their best places at a tolerance, and their whole-object scores there."""
-    roots, joints, score = polish(rng, problem, tried.roots, tried.joints, plan, tolerance, rounds)
-    return replace(tried, roots=roots, joints=joints, part_poses=problem.mrf.part_poses(roots, joints)), score
+    """Hypotheses moved to their best places at a tolerance, and their profile scores there."""
+    roots, joints, _ = polish(rng, problem, tried.roots, tried.joints, plan, tolerance, rounds)
+    found = replace(tried, roots=roots, joints=joints, part_poses=problem.mrf.part_poses(roots, joints))
+    return found, profile_scores(problem, roots, joints)

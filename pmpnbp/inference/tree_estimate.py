@@ -20,7 +20,7 @@ from pmpnbp.inference.problem import DEVIATIONS, Problem
 from pmpnbp.inference.registration import register
 from pmpnbp.potentials.joint_projection import LENGTH_PER_RADIAN, closest_axes
 from pmpnbp.potentials.kernels import tree as kernel
-from pmpnbp.potentials.unary import object_scores
+from pmpnbp.potentials.unary import object_scores, object_scores_by_each
 from pmpnbp.settings import Schedule
 
 # Small variations of the best configuration that are tried in one iteration, in two rounds.
@@ -33,9 +33,10 @@ ANCHORS = 4
 JOINT_STEP = 0.05
 # The shortest variations, as a share of the diffusion, and the share of the coordinates that one moves.
 SHORTEST, MOVED = 0.02, 0.6
-# Standard deviations of the depths about a configuration, in that for which the tolerance that annealing ends at is
-# made; and the logarithm of the likelihood ratio that a reward of 1 stands for at that one.
-SPREADS, LOG_RATIO = (2.0, 1.0, 0.5), DEVIATIONS**2 / 2
+# The logarithm of the likelihood ratio that a reward of 1 stands for; standard deviations of the depths about a
+# configuration, in that for which the tolerance that annealing ends at is made, and what the ratio's is at each, in it.
+LOG_RATIO = DEVIATIONS**2 / 2
+SPREADS = [(spread, 1.0 - np.log(spread) / LOG_RATIO) for spread in (2.0, 1.0, 0.5)]
 # A part's mean is of the particles within this many diffusion lengths of its best.
 NEAR = 3
 
@@ -104,16 +105,18 @@ def polish(
     plan: Schedule,
     tolerance: float,
     rounds: int,
+    *,
+    draws: bool = True,
 ) -> tuple[Array, Array, Array]:
     """Each of H configurations (H, 7), (H, D) in the best place that `rounds` of small variations find it: roots,
-    joints and scores (H,)."""
+    joints and scores (H,). draws : whether any are drawn at random, beside the steps of registration"""
     roots, joints = roots.copy(), joints.copy()
     best = configuration_scores(problem, roots, joints, tolerance)
     rows = np.arange(len(roots))
     for _ in range(rounds):
-        varied = vary(rng, problem, roots, joints, VARIATIONS, plan)
-        registered = register(rng, problem, roots, joints, REGISTRATIONS, plan, tolerance)
-        tried_roots, tried_joints = (np.concatenate(pair, axis=1) for pair in zip(varied, registered, strict=True))
+        tried = [vary(rng, problem, roots, joints, VARIATIONS, plan)] if draws else []
+        tried.append(register(rng, problem, roots, joints, REGISTRATIONS if draws else 0, plan, tolerance))
+        tried_roots, tried_joints = (np.concatenate(some, axis=1) for some in zip(*tried, strict=True))
         flat = tried_roots.reshape(-1, 7)
         flat_joints = tried_joints.reshape(len(flat), joints.shape[1])
         score = configuration_scores(problem, flat, flat_joints, tolerance).reshape(len(roots), -1)
@@ -141,13 +144,10 @@ def profile_scores(problem: Problem, roots: Array, joints: Array) -> Array:
     far the depths are off is for each configuration to say (docs/algorithm.md, "The likelihood").
     """
     part_poses = problem.mrf.part_poses(roots, joints)
-    found = []
-    for spread in SPREADS:
-        share = 1.0 - np.log(spread) / LOG_RATIO
-        pixel_score = problem.score(spread * np.sqrt(share) * problem.tolerance_end)
-        score = object_scores(problem.observation, problem.surfaces, part_poses, pixel_score, problem.nuisances)
-        found.append(share * score)
-    return problem.plus_prior(np.max(found, axis=0), part_poses[:, problem.prior_node])
+    pixel_scores = [problem.score(spread * np.sqrt(share) * problem.tolerance_end) for spread, share in SPREADS]
+    score = object_scores_by_each(problem.observation, problem.surfaces, part_poses, pixel_scores, problem.nuisances)
+    best = (score * [share for _, share in SPREADS]).max(axis=1)
+    return problem.plus_prior(best, part_poses[:, problem.prior_node])
 
 
 def assemble(mrf: Mrf, part_poses: Array, anchor: NDArray[np.int64] | int) -> tuple[Array, Array]:

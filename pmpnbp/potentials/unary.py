@@ -7,7 +7,7 @@ inference chooses, so everything here is a log potential up to scale, in pixels 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -112,13 +112,24 @@ def object_scores(
 ) -> Array:
     """Scores (B,) of whole objects, all parts drawn into one z-buffer. poses_world_part : (B, N, 7); nuisances : (K,)
     or (B, K), see `potentials/nuisances.py`, or None. Units as `unary_scores`."""
+    return object_scores_by_each(observation, surfaces, poses_world_part, (score,), nuisances)[:, 0]
+
+
+def object_scores_by_each(
+    observation: Observation,
+    surfaces: Surfaces,
+    poses_world_part: Array,
+    scores: Sequence[PixelScore],
+    nuisances: Array | None = None,
+) -> Array:
+    """As `object_scores`, by each of T pixel scores of one form: (B, T). Each object is drawn once."""
     nodes = len(surfaces.centres)
     pose = _checked(poses_world_part, (len(poses_world_part), nodes))
-    out = np.zeros(len(pose))
-    robust = score.form == "robust"
+    out = np.zeros((len(pose), len(scores)))
+    terms, robust = np.stack([score.terms for score in scores]), scores[0].form == "robust"
     for number, view in enumerate(observation.views):
         seen = _apparent(observation, number, pose, surfaces.axes_at_zero, nuisances)
-        rasterised_scores.add_object_scores(_image(view), surfaces.mesh, seen, score.terms, robust, out)
+        rasterised_scores.add_object_scores(_image(view), surfaces.mesh, seen, terms, robust, out)
     return out
 
 

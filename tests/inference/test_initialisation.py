@@ -10,7 +10,7 @@ import pytest
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import initialisation, problem
-from pmpnbp.inference.belief import START
+from pmpnbp.inference.belief import START, SURFACE
 from pmpnbp.inference.problem import Problem
 from pmpnbp.scene.articulated_object import Joint
 from pmpnbp.scene.observation import Observation
@@ -183,3 +183,60 @@ def test_starting_twice_from_the_same_numbers_is_the_same(rng: np.random.Generat
         made = replace(problem_of(worlds.NOTHING_SEEN, prior))
         first, second = (initialisation.start(np.random.default_rng([7, 0]), made).belief.poses for _ in range(2))
         assert first.tobytes() == second.tobytes()
+
+
+def gaussian(mean: Array, metres: float, radians: float) -> GaussianPrior:
+    return GaussianPrior("link0", mean, np.full(3, metres), np.full(3, radians))
+
+
+def test_with_a_prior_the_search_starts_on_the_scan_near_it(rng: np.random.Generator) -> None:
+    """Most roots have a surface point of the object on the scan with a normal that agrees, turned as the prior draws
+    them; the rest are the prior's own draws, which have a like spread."""
+    mean, point, normal = worlds.at(0.5, 0.2, 0.4), np.array([0.25, 0.2, 0.45]), np.array([-1.0, 0.0, 0.0])
+    made = problem_of(point_seen(point, normal), gaussian(mean, 0.3, 0.05))
+    joints = initialisation.random_joints(rng, made, 400)
+    roots, source = initialisation.fresh_roots(rng, made, joints)
+    matched = source == SURFACE
+    assert set(source) == {SURFACE, START} and matched.mean() == initialisation.MATCHED
+    placed = MODEL.part_poses(roots, joints)
+    # the faces are turned by the prior's draws: to the nearest face, whichever way it looks
+    near = np.full(400, np.inf)
+    for node, part in enumerate(MODEL.parts):
+        lower, upper = part.mesh.vertices.min(axis=0), part.mesh.vertices.max(axis=0)
+        local = poses.transform_points(poses.inverse(placed[:, node]), point)
+        outside = np.linalg.norm(local - np.clip(local, lower, upper), axis=1)
+        depth = np.minimum(local - lower, upper - local).min(axis=1)
+        near = np.minimum(near, np.where(outside > 0, outside, depth))
+    assert near[matched].max() < 1e-6 < np.median(near[~matched])
+    angle = poses.rotation_angle(roots[:, 3:], np.broadcast_to(mean[3:], (400, 4)))
+    # the mean length of three deviates is 1.6 deviations
+    assert abs(angle.mean() / (1.596 * 0.05) - 1) < 0.15
+
+
+def test_with_a_prior_of_two_points_that_are_as_good_the_likelier_one_is_taken(rng: np.random.Generator) -> None:
+    """Which of CANDIDATES is taken is drawn by the prior where it leaves the object."""
+    mean, normal = worlds.at(0.5, 0.2, 0.4), np.array([[-1.0, 0.0, 0.0]])
+    points = np.array([[0.3, 0.2, 0.4], [-0.3, 0.2, 0.4]])
+    observation = Observation((), points, np.repeat(normal, 2, axis=0), np.zeros((0, 4)), worlds.UP, None)
+    made = problem_of(observation, gaussian(mean, 0.2, 0.01))
+    joints = np.zeros((1000, made.mrf.model.dof))
+    roots, source = initialisation.fresh_roots(rng, made, joints)
+    # a face on the second point leaves the root three deviations away or farther
+    assert np.mean(roots[source == SURFACE, 0] > 0.0) > 0.9
+
+
+def test_with_a_prior_far_from_all_that_was_seen_its_own_draws_remain(rng: np.random.Generator) -> None:
+    made = problem_of(point_seen(np.array([9.0, 9.0, 9.0]), worlds.X), gaussian(worlds.at(0.5), 0.1, 0.1))
+    joints = initialisation.random_joints(rng, made, 50)
+    roots, _ = initialisation.fresh_roots(rng, made, joints)
+    assert np.linalg.norm(roots[:, :3] - [0.5, 0.0, 0.0], axis=1).max() < 1.0
+
+
+def test_a_prior_is_narrow_that_says_where_the_object_is() -> None:
+    seen = point_seen(np.ones(3), worlds.X)
+    narrow, wide = (problem_of(seen, gaussian(worlds.at(1.0), *std)) for std in ((0.08, 0.15), (0.3, 0.15)))
+    free = problem_of(seen, UniformPrior("upright"))
+    assert narrow.narrow and not wide.narrow and not free.narrow
+    assert not problem_of(seen, gaussian(worlds.at(1.0), 0.05, 0.5)).narrow
+    assert narrow.search_iterations < wide.search_iterations == free.search_iterations
+    assert narrow.search_proposals < wide.search_proposals == free.search_proposals

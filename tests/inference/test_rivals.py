@@ -124,3 +124,32 @@ def test_the_search_tells_the_plates_apart(scene: Problem) -> None:
         )
         right += bool(np.linalg.norm(offset, axis=1).max() < 0.03)
     assert right >= 5
+
+
+def test_shifted_ones_have_the_middle_of_a_part_where_that_of_its_like_was(
+    rng: np.random.Generator, scene: Problem
+) -> None:
+    roots = poses.perturb(np.tile(TRUTH, (3, 1)), rng.normal(0, 0.1, (3, 3)), rng.normal(0, 0.3, (3, 3)))
+    joints = rng.uniform(0, 3, (3, 1))
+    given = hypotheses(scene, roots, joints)
+    moved = rivals.shifted(rng, scene, given)
+    before = poses.transform_points(given.part_poses, scene.mrf.centres)
+    after = poses.transform_points(moved.part_poses, scene.mrf.centres)
+    assert len(moved.roots) == 6
+    for row, parent in enumerate(moved.ancestor):
+        np.testing.assert_allclose(moved.roots[row, 3:], roots[parent, 3:])
+        np.testing.assert_array_equal(moved.joints[row], joints[parent])
+        gap = np.linalg.norm(after[row] - before[parent][::-1], axis=1)
+        assert gap.min() < 1e-9  # the one part in the other's place
+    assert len({tuple(root[:3].round(6)) for root in moved.roots}) == 6
+
+
+def test_where_no_part_is_like_another_nothing_is_shifted(rng: np.random.Generator, scene: Problem) -> None:
+    hinge = Joint("hinge", "revolute", "link0", "link1", worlds.at(0.0, 0.15), worlds.X, 0.0, 3.0, (0,))
+    model = worlds.articulated(
+        [hinge], {"link0": worlds.block([0.2, 0.15, 0.1]), "link1": worlds.block([0.05, 0.04, 0.03])}
+    )
+    unlike = problems.build(
+        model, worlds.seen(model, TRUTH, OPENED), UniformPrior("any"), worlds.settings(), particles=40
+    )
+    assert len(rivals.shifted(rng, unlike, hypotheses(unlike, TRUTH[None], OPENED[None])).roots) == 0

@@ -198,7 +198,7 @@ def test_a_profile_score_is_that_of_the_most_likely_normal_error(off: float) -> 
     )
     here, there = (profile_scores(scene, worlds.at(1.0 + by)[None], none)[0] for by in (0.0, off))
     unit = scene.tolerance_end / np.sqrt(2 * LOG_RATIO)
-    deviations = unit * np.array(SPREADS)
+    deviations = unit * np.array([spread for spread, _ in SPREADS])
     # of what else is there the density is such that the ratio of both is e to the LOG_RATIO for an error of none
     elsewhere = norm.pdf(0.0, scale=unit) / np.exp(LOG_RATIO)
     pixels = here / (np.log(norm.pdf(0.0, scale=deviations) / elsewhere).max() / LOG_RATIO)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay
@@ -11,7 +13,15 @@ from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.potentials.kernels import rasteriser, reference
 from pmpnbp.potentials.surfaces import Surfaces, prepare_surfaces
-from pmpnbp.potentials.unary import PixelScore, explained_share, object_scores, render, unary_scores, visible_fractions
+from pmpnbp.potentials.unary import (
+    PixelScore,
+    explained_share,
+    object_scores,
+    object_scores_by_each,
+    render,
+    unary_scores,
+    visible_fractions,
+)
 from pmpnbp.scene.articulated_object import Mesh
 from pmpnbp.scene.observation import OBJECT, View
 from tests.potentials import posed_parts
@@ -94,6 +104,20 @@ def test_part_scores_are_those_of_the_reference(
     assert np.mean(close) > 0.9
     np.testing.assert_allclose(fast, slow, rtol=1e-3, atol=2.5)
     assert np.abs(slow).max() > 50
+
+
+@pytest.mark.parametrize("score", FORMS, ids=lambda score: score.form)
+@pytest.mark.parametrize("count", [1, 40])
+def test_objects_drawn_once_have_the_scores_of_each(
+    rng: np.random.Generator, surfaces: Surfaces, score: PixelScore, count: int
+) -> None:
+    pose = posed_parts.random_poses(rng, (count, 5), np.array([0.0, 0.0, 0.8]), 0.12)
+    seen = posed_parts.observation([posed_parts.rough_view(rng, EYE, surfaces, pose[0])])
+    wider = [replace(score, tolerance=tolerance) for tolerance in (0.005, 0.02, 0.05)]
+    found = object_scores_by_each(seen, surfaces, pose, wider)
+    assert found.shape == (count, 3)
+    for column, one in zip(found.T, wider, strict=True):
+        np.testing.assert_array_equal(column, object_scores(seen, surfaces, pose, one))
 
 
 @pytest.mark.parametrize("score", FORMS, ids=lambda score: score.form)

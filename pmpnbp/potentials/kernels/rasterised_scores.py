@@ -90,6 +90,13 @@ def _sum_weighed(buffer: Any, stride: int, box: Any, packed: Any, patches: Any, 
     return total
 
 
+@inner(error_model="numpy")
+def _as_tuple(terms: Any, continued_reward: Any) -> Any:
+    """The terms with another reward of what goes on: of the whole object that counts by whether it goes on beyond the
+    outline, known here and not part by part."""
+    return (terms[0], terms[1], terms[2], terms[3], continued_reward, terms[5])
+
+
 @kernel(error_model="numpy")
 def _add_object_range(
     start: int, step: int, image: Any, mesh: Any, poses: Any, terms: Any, robust: bool, out: Any
@@ -97,20 +104,19 @@ def _add_object_range(
     packed, lens, pose_camera_world, patches, count = image
     view = (lens, pose_camera_world, packed.shape[1] - 2, packed.shape[0] - 2)
     room = scratch(mesh, view[2], view[3])
-    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4], terms[5])
-    # what lies on a long surface counts by whether that goes on beyond the outline, known here and not part by part
-    whole32 = (terms[0], terms[1], terms[2], terms[3], _ONE, terms[5])
     patch_counts = patch_room(count, view[2])
-    weighed = robust and count > 1 and terms[4] < _ONE
     for i in range(start, len(poses), step):
         box, stride = draw_object(poses[i], view, mesh, room, None, None)
-        if weighed:
-            weigh_patches(room[5], stride, box, packed, patches, terms32, patch_counts)
-            out[i] += _sum_weighed(room[5], stride, box, packed, patches, patch_counts[2], whole32)
-        elif robust:
-            out[i] += _sum_robust(room[5], stride, box, packed, whole32)
-        else:
-            out[i] += _sum_distance(room[5], stride, box, packed, lens)
+        for k in range(len(terms)):
+            one = terms[k]
+            if robust and count > 1 and one[4] < _ONE:
+                weigh_patches(room[5], stride, box, packed, patches, _as_tuple(one, one[4]), patch_counts)
+                weights = patch_counts[2]
+                out[i, k] += _sum_weighed(room[5], stride, box, packed, patches, weights, _as_tuple(one, _ONE))
+            elif robust:
+                out[i, k] += _sum_robust(room[5], stride, box, packed, _as_tuple(one, _ONE))
+            else:
+                out[i, k] += _sum_distance(room[5], stride, box, packed, lens)
 
 
 @kernel(error_model="numpy", parallel=True)
@@ -157,8 +163,8 @@ def add_object_scores(
     robust: bool,
     out: NDArray[np.float64],
 ) -> None:
-    """As `add_part_scores` for whole objects at poses (B, N, 7), all parts drawn into one z-buffer. What goes on beyond
-    the outline counts less, see `continuation`."""
+    """As `add_part_scores` for whole objects at poses (B, N, 7), all parts drawn into one z-buffer, and by each of T
+    `terms` (T, 6): `out` is (B, T). What goes on beyond the outline counts less, see `continuation`."""
     if len(poses) * len(mesh[3]) < PARALLEL_FROM or get_num_threads() == 1:
         _add_object_range(0, 1, image, mesh, poses, terms, robust, out)
     else:

@@ -7,8 +7,11 @@ is imported by the command that needs it, so that `--help` answers at once.
 from __future__ import annotations
 
 import argparse
+import atexit
 import importlib
+import os
 import sys
+import threading
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -284,5 +287,21 @@ def _add_session_options(command: argparse._ActionsContainer, names: Sequence[st
             command.add_argument(option(entry.name), type=read, default=default, metavar=metavar, help=text)
 
 
+def program() -> NoReturn:
+    """The command line as a process of its own, which ends with the status that `main` returns."""
+    status: list[int] = []
+    atexit.register(_leave, status)  # what is registered first is called last
+    status.append(main())
+    sys.exit(status[0])
+
+
+def _leave(status: Sequence[int]) -> None:
+    """An interpreter that ends while one of its threads is in the compiler may abort the process: end without it."""
+    if status and any(thread.name == compiled_kernels.WARM_UP for thread in threading.enumerate()):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status[0])
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    program()

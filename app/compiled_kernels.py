@@ -18,6 +18,8 @@ from pathlib import Path
 from pmpnbp.errors import SettingError
 
 VARIABLE = "KERNEL_TARGETS"
+# The name of the thread that compiles them as a server starts.
+WARM_UP = "warm-up"
 CPUINFO = Path("/proc/cpuinfo")
 # What a target takes for granted, in the words of /proc/cpuinfo (x86-64 psABI; "abm" there is LZCNT, "pni" SSE3).
 # "generic" is what every 64-bit ARM has: a processor without its word is none.

@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager
 import anyio.to_thread
 from fastapi import FastAPI
 
-from app import documentation, problems, warm_up
+from app import compiled_kernels, documentation, problems, warm_up
 from app.http.bodies import Bodies
 from app.http.connections import connections_for
 from app.http.head import Head
@@ -123,7 +123,7 @@ async def _life(app: FastAPI) -> AsyncIterator[None]:
     anyio.to_thread.current_default_thread_limiter().total_tokens = config.max_clients + 40
     if not app.state.open:
         await anyio.to_thread.run_sync(open_all, app)
-    threading.Thread(target=_get_ready, args=(app,), name="warm-up", daemon=True).start()
+    threading.Thread(target=_get_ready, args=(app,), name=compiled_kernels.WARM_UP, daemon=True).start()
     try:
         yield
     finally:

@@ -149,7 +149,7 @@ class Settings:
     search_iterations: int = _setting(
         4,
         "iterations",
-        "of whole-object search before belief propagation; 0 starts as the paper does",
+        "of whole-object search before belief propagation, half with a narrow prior; 0 starts as the paper does",
         paper=0,
         low=0,
         high=1000,

@@ -99,6 +99,16 @@ def test_another_host_gets_a_token_that_is_printed_once(served_process: Callable
     assert process.stop() == 0
 
 
+@pytest.mark.parametrize("seconds", [0.0, 1.5])
+def test_it_can_be_stopped_while_its_kernels_are_compiled(
+    served_process: Callable[..., Any], tmp_path: Path, seconds: float
+) -> None:
+    process = served_process(environment={"NUMBA_CACHE_DIR": str(tmp_path / "kernels")})
+    time.sleep(seconds)
+    assert process.client.get("/readyz").status_code == 503
+    assert process.stop() == 0
+
+
 def test_a_token_can_be_given(served_process: Callable[..., Any]) -> None:
     process = served_process(environment={"PMPNBP_TOKEN": "from-outside"})
     assert process.first_line.rstrip().endswith("/?token=from-outside")

@@ -26,8 +26,8 @@ PLACES, ROTATION = 24, 0.5
 # Two parts are of about one size where each of their three extents, the longest first, is within this factor; or both
 # are thinner than this share of their largest.
 LIKE, THIN = 1.35, 0.15
-# Pairs of such parts, drawn at random where there are more.
-PAIRS = 6
+# Pairs of such parts, drawn at random where there are more: to lay one where the other was, and to shift it there.
+PAIRS, SHIFTED_PAIRS = 6, 2
 
 
 def look_alikes(
@@ -59,7 +59,7 @@ def look_alikes(
 def shifted(rng: np.random.Generator, problem: Problem, finalists: Hypotheses) -> Hypotheses:
     """The finalists moved, not turned, so that the middle of one part is where that of another of about its size was: a
     closed lid in the base's place, the base below the table, explains most of a laptop that is open by a little."""
-    pairs = rng.permutation(np.array(like_parts(problem), dtype=np.int64).reshape(-1, 2))[:PAIRS]
+    pairs = rng.permutation(np.array(like_parts(problem), dtype=np.int64).reshape(-1, 2))[:SHIFTED_PAIRS]
     moved = finalists.taken(np.repeat(np.arange(len(finalists.roots)), len(pairs)))
     one, other = np.tile(pairs, (len(finalists.roots), 1)).T
     each = np.arange(len(one))

@@ -4,6 +4,7 @@ before the inference is at rest?"""
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable
 
@@ -282,6 +283,10 @@ def test_alternatives_tell_what_is_elsewhere(page: Page, served: Served, certain
     moved = {name: {"pose": dict(link["pose"])} for name, link in own["links"].items()}
     position = moved["drawer2"]["pose"]["position"]
     moved["drawer2"]["pose"]["position"] = position | {"z": position["z"] + 0.1}
+    # what is told is the middle of all draws, and a hypothesis its own: 10 cm to within two millimetres
+    told = estimate["links"]["drawer2"]["pose"]["position"]
+    far = 100 * math.dist(told.values(), moved["drawer2"]["pose"]["position"].values())
+    assert abs(far - 10) < 0.2
     turned = {
         name: {"pose": {**link["pose"], "orientation": {"x": 0, "y": 0, "z": 1, "w": 0}}}
         for name, link in own["links"].items()
@@ -303,9 +308,7 @@ def test_alternatives_tell_what_is_elsewhere(page: Page, served: Served, certain
     expect(entries).to_have_text(
         [
             "70\u202f%as estimated",
-            re.compile(
-                rf"^25\u202f%drawer2 (9\.9|10\.0|10\.1)\u202fcm away; slide2 at {there}\u202fcm, not {here}\u202fcm$"
-            ),
+            f"25\u202f%drawer2 {far:.1f}\u202fcm away; slide2 at {there}\u202fcm, not {here}\u202fcm",
             re.compile(r"^5\.0\s%\w+ \d+\.\d\scm away, turned by \d+°$"),
         ]
     )

@@ -11,6 +11,8 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
+from pmpnbp.inference.belief import SURFACE
+from pmpnbp.inference.hypotheses import Hypotheses
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.surfaces import prepare_surfaces
 from pmpnbp.potentials.unary import render
@@ -217,3 +219,15 @@ def given_unary(
         model, NOTHING_SEEN, prior or UniformPrior("upright"), settings, particles=particles, seed=seed
     )
     return GivenUnary(**vars(built), formula=formula)
+
+
+def hypotheses(scene: Problem, roots: Array, joints: Array) -> Hypotheses:
+    """Whole objects at roots (H, 7) and joints (H, D), each an island of its own, of whose parts nothing is known."""
+    return Hypotheses(
+        roots=roots,
+        joints=joints,
+        source=np.full(len(roots), SURFACE, dtype=np.uint8),
+        ancestor=np.arange(len(roots), dtype=np.int32),
+        unary=np.zeros((len(roots), scene.mrf.nodes)),
+        part_poses=scene.mrf.part_poses(roots, joints),
+    )

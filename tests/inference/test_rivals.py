@@ -11,8 +11,7 @@ import pytest
 from pmpnbp.geometry import poses
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference import rivals, run
-from pmpnbp.inference.belief import FLIP, SURFACE
-from pmpnbp.inference.hypotheses import Hypotheses
+from pmpnbp.inference.belief import FLIP
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
@@ -36,17 +35,6 @@ def scene() -> Problem:
     model = book()
     observation = worlds.seen(model, TRUTH, OPENED)
     return problems.build(model, observation, UniformPrior("any"), worlds.settings(), particles=40)
-
-
-def hypotheses(scene: Problem, roots: np.ndarray, joints: np.ndarray) -> Hypotheses:
-    return Hypotheses(
-        roots=roots,
-        joints=joints,
-        source=np.full(len(roots), SURFACE, np.uint8),
-        ancestor=np.arange(len(roots), dtype=np.int32),
-        unary=np.zeros((len(roots), scene.mrf.nodes)),
-        part_poses=scene.mrf.model.part_poses(roots, joints),
-    )
 
 
 def test_quarter_turns_keep_the_point_they_are_about(rng: np.random.Generator) -> None:
@@ -79,7 +67,7 @@ def test_parts_of_one_size_are_pairs_both_ways_and_others_are_not() -> None:
 
 def test_an_exchanged_part_fills_the_other_s_box(scene: Problem) -> None:
     """Its corners' box is, in the other's frame, centred where that one's is, and as large but for their difference."""
-    held = hypotheses(scene, TRUTH[None], OPENED[None])
+    held = worlds.hypotheses(scene, TRUTH[None], OPENED[None])
     found = rivals._exchanged(np.random.default_rng(0), scene, held)
     assert len(found) == 8
     relative = scene.mrf.model.part_poses(poses.IDENTITY, OPENED)
@@ -100,7 +88,7 @@ def test_an_exchanged_part_fills_the_other_s_box(scene: Problem) -> None:
 
 
 def test_look_alikes_come_best_first_and_no_more_than_asked(scene: Problem) -> None:
-    held = hypotheses(scene, np.stack([TRUTH, worlds.at(1.3, z=0.5)]), np.stack([OPENED, OPENED]))
+    held = worlds.hypotheses(scene, np.stack([TRUTH, worlds.at(1.3, z=0.5)]), np.stack([OPENED, OPENED]))
     plan = scene.schedule(scene.search_iterations)
     found = rivals.look_alikes(np.random.default_rng(1), scene, held, plan, 10)
     assert len(found.roots) == 10 and np.all(found.source == FLIP)
@@ -131,7 +119,7 @@ def test_shifted_ones_have_the_middle_of_a_part_where_that_of_its_like_was(
 ) -> None:
     roots = poses.perturb(np.tile(TRUTH, (3, 1)), rng.normal(0, 0.1, (3, 3)), rng.normal(0, 0.3, (3, 3)))
     joints = rng.uniform(0, 3, (3, 1))
-    given = hypotheses(scene, roots, joints)
+    given = worlds.hypotheses(scene, roots, joints)
     moved = rivals.shifted(rng, scene, given)
     before = poses.transform_points(given.part_poses, scene.mrf.centres)
     after = poses.transform_points(moved.part_poses, scene.mrf.centres)
@@ -152,4 +140,4 @@ def test_where_no_part_is_like_another_nothing_is_shifted(rng: np.random.Generat
     unlike = problems.build(
         model, worlds.seen(model, TRUTH, OPENED), UniformPrior("any"), worlds.settings(), particles=40
     )
-    assert len(rivals.shifted(rng, unlike, hypotheses(unlike, TRUTH[None], OPENED[None])).roots) == 0
+    assert len(rivals.shifted(rng, unlike, worlds.hypotheses(unlike, TRUTH[None], OPENED[None])).roots) == 0

@@ -140,7 +140,12 @@ class Settings:
     )
     neighbour_sum: bool = _setting(True, "", "weigh message samples by the sender's other messages (box 1 step 2c)")
     anneal_iterations: int = _setting(
-        2, "iterations", "over which tolerance and diffusion shrink", paper=0, low=0, high=10_000
+        2,
+        "iterations",
+        "over which tolerance and diffusion shrink, half after a search with a narrow prior",
+        paper=0,
+        low=0,
+        high=10_000,
     )
     diffusion_position_start: float = _setting(0.04, "m", "diffusion of particles at first", low=0)
     diffusion_position_end: float = _setting(0.0015, "m", "diffusion of particles, once annealed", paper=0.01, low=0)
@@ -288,13 +293,16 @@ class Schedule:
     sigma_orientation: float
 
 
-def schedule(settings: Settings, iteration: int, search_iterations: int | None = None) -> Schedule:
+def schedule(
+    settings: Settings, iteration: int, search_iterations: int | None = None, anneal_iterations: int | None = None
+) -> Schedule:
     """Annealed values in an `iteration` from 1 on: geometric from start to end over search and annealing together.
 
-    search_iterations : as many as the problem has (`Problem.search_iterations`); without it those of the settings.
+    search_iterations, anneal_iterations : as many as the problem has; without them those of the settings.
     """
     before = settings.search_iterations if search_iterations is None else search_iterations
-    span = settings.anneal_iterations + before if settings.anneal_iterations else 0
+    annealing = settings.anneal_iterations if anneal_iterations is None else anneal_iterations
+    span = annealing + before if annealing else 0
     progress = 1.0 if span == 0 else min(max(iteration - 1, 0) / span, 1.0)
 
     def between(start: float, end: float) -> float:

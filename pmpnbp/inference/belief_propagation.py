@@ -45,8 +45,7 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     number = state.iteration + 1
     since = number - state.search_after
     plan = problem.schedule(since)
-    annealed = problem.search_iterations + settings.anneal_iterations
-    refining = annealed < since <= annealed + settings.refine_iterations
+    refining = problem.annealed < since <= problem.annealed + settings.refine_iterations
     renderer: Renderer = "rasteriser" if refining else settings.renderer
     shared = settings.belief_product == "shared"
     slot_node = np.arange(mrf.nodes, dtype=np.int32) if shared or not len(mrf.sender) else mrf.receiver

@@ -129,21 +129,25 @@ def _moved_onto_the_scan(rng: np.random.Generator, problem: Problem, roots: Arra
     moved = roots.copy()
     if not len(near):
         return moved
+    # how well the normals agree, and the prior's density at the pose so moved: products of what a point of the scan
+    # has and what one of the object has, up to what is the same for all candidates
+    scaled = observation.points[near] / prior.std_xyz
+    terms = np.column_stack([observation.normals[near] / DISAGREEMENT, scaled, -0.5 * (scaled**2).sum(axis=1)])
     whole = surface([part.inference_mesh for part in problem.mrf.model.parts])
     waiting = np.arange(len(roots))
     for _ in range(REDRAWS):
         point, normal, part = drawn_points(rng, whole, len(waiting))
         here = poses.transform_points(part_poses[waiting, part], point)
-        seen = near[rng.integers(len(near), size=(len(waiting), CANDIDATES))]
-        shift = observation.points[seen] - here[:, None]
         turned = poses.rotate(part_poses[waiting, part, 3:], normal)
-        agreement = np.einsum("pkc,pc->pk", observation.normals[seen], turned)
-        deviates = (offset[waiting, None] + shift) / prior.std_xyz
-        log_density = (agreement - 1.0) / DISAGREEMENT - 0.5 * np.einsum("pkc,pkc->pk", deviates, deviates)
-        chosen = (log_density + rng.gumbel(size=log_density.shape)).argmax(axis=1)
-        each = np.arange(len(waiting))
-        moved[waiting, :3] = roots[waiting, :3] + shift[each, chosen]
-        waiting = waiting[agreement[each, chosen] < LEAST_AGREEMENT]
+        asked = np.column_stack([turned, (here - offset[waiting]) / prior.std_xyz, np.ones(len(waiting))])
+        seen = rng.integers(len(near), size=(len(waiting), CANDIDATES))
+        log_density = (np.take(terms, seen, axis=0) @ asked[..., None])[..., 0]
+        weights = np.exp(log_density - log_density.max(axis=1, keepdims=True))
+        # the first of exponential clocks that run as fast as the weights
+        chosen = (weights / rng.standard_exponential(weights.shape)).argmax(axis=1)
+        at = near[seen[np.arange(len(waiting)), chosen]]
+        moved[waiting, :3] = roots[waiting, :3] + observation.points[at] - here
+        waiting = waiting[(observation.normals[at] * turned).sum(axis=1) < LEAST_AGREEMENT]
         if not len(waiting):
             break
     return moved

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +32,7 @@ LONGER = 1.15
 # The root and the part farthest from it have as many joints between them at least where chains are grown; and where
 # they may be, when the search is made again.
 LONG_CHAIN, CHAIN = 10, 3
-# Standard deviations of a prior, metres and radians, up to which it is narrow; and the share of the iterations and of
+# Standard deviations of a prior, metres and radians, up to which it is narrow; and the share of iterations and of
 # the proposals of a search that it leaves.
 NARROW = 0.12, 0.25
 NARROW_ITERATIONS, NARROW_PROPOSALS = 0.5, 0.5
@@ -109,6 +110,20 @@ class Problem:
         return whole + chosen.search_iterations_per_joint * max(self.mrf.depth - 2, 0)
 
     @property
+    def anneal_iterations(self) -> int:
+        """Iterations after the search over which tolerance and diffusion go on to shrink: half where a narrow prior had
+        it end near the object."""
+        half = self.narrow and self.search_iterations > 0
+        return (
+            math.ceil(NARROW_ITERATIONS * self.settings.anneal_iterations) if half else self.settings.anneal_iterations
+        )
+
+    @property
+    def annealed(self) -> int:
+        """The last iteration, counted from where the search began, before tolerance and diffusion are at their ends."""
+        return self.search_iterations + self.anneal_iterations
+
+    @property
     def search_proposals(self) -> int:
         """Hypotheses an iteration of the search tries: more for more joints, twice as many for any orientation, half
         with a narrow prior."""
@@ -118,7 +133,7 @@ class Problem:
 
     def schedule(self, iteration: int) -> Schedule:
         """What the annealing has reached in an iteration, counted from where the search began."""
-        plan = schedule(self.settings, iteration, self.search_iterations)
+        plan = schedule(self.settings, iteration, self.search_iterations, self.anneal_iterations)
         return replace(plan, tolerance=max(plan.tolerance, self.tolerance_end))
 
     @property

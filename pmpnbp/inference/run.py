@@ -118,7 +118,7 @@ def converged(reports: Sequence[IterationReport], problem: Problem) -> bool:
     `converged_iterations` iterations no part's estimate has moved by more than `converged_motion`, neither at its
     middle nor, by turning, at its rim."""
     settings = problem.settings
-    over = problem.search_iterations + settings.anneal_iterations + settings.refine_iterations
+    over = problem.annealed + settings.refine_iterations
     needed = settings.converged_iterations
     recent = reports[-(needed + 1) :]
     if len(recent) <= needed or recent[1].iteration - recent[1].search_after <= over:

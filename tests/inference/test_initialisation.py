@@ -240,3 +240,9 @@ def test_a_prior_is_narrow_that_says_where_the_object_is() -> None:
     assert not problem_of(seen, gaussian(worlds.at(1.0), 0.05, 0.5)).narrow
     assert narrow.search_iterations < wide.search_iterations == free.search_iterations
     assert narrow.search_proposals < wide.search_proposals == free.search_proposals
+    assert narrow.anneal_iterations < wide.anneal_iterations == free.anneal_iterations
+    last = narrow.annealed
+    assert narrow.schedule(last + 1).progress == 1.0 > narrow.schedule(last).progress
+    # as the paper starts, annealing is all there is
+    changed = replace(narrow, settings=replace(narrow.settings, search_iterations=0))
+    assert changed.anneal_iterations == changed.annealed == wide.anneal_iterations

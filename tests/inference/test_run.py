@@ -212,7 +212,7 @@ def made() -> Problem:
 
 def test_converged_means_that_the_schedule_is_over_and_nothing_moved(made: Problem) -> None:
     settings = made.settings
-    over = made.search_iterations + settings.anneal_iterations + settings.refine_iterations
+    over = made.annealed + settings.refine_iterations
     needed = settings.converged_iterations
     report = last(made, 1)
 

@@ -35,15 +35,12 @@ from pmpnbp.inference.tree_estimate import agreeing, polish
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.denied_parts import drawn_anew, without
 from pmpnbp.readout.fit import assess
-from pmpnbp.readout.object_posterior import ModeDraws, log_posterior, mode_draws
-from pmpnbp.readout.particle_statistics import short_way_round
-from pmpnbp.readout.places import Place, contenders, least_reach, misfit, mode_reach, strayed
+from pmpnbp.readout.object_posterior import ModeDraws, log_posterior, misfit, mode_draws
+from pmpnbp.readout.places import Place, contenders, least_reach, mode_reach, strayed
 from pmpnbp.readout.posterior import Centre, ObjectMode, Posterior
 
 # Modes are told at most, and what weighs less than this is none.
 MODES, LEAST_WEIGHT = 6, 1e-4
-# Metres and radians: no joint is taken for better known than this where modes are weighed.
-SHUT = 1e-4
 # Draws that are more nats better than the place they were drawn about are drawn about the best of them, so many times.
 SURPASSED, MOVES = 15.0, 6
 
@@ -175,46 +172,26 @@ def _told(
 
 def _log_weights(places: list[Place]) -> Array:
     """(K,) of the places, the first of which is the estimate's. Those of one thing share its weight by evidence."""
-    evidence = np.array([place.draws.log_evidence - _log_room(place.draws) for place in places])
+    evidence = np.array([place.draws.log_evidence - place.draws.log_room for place in places])
     apart = np.array([place.apart for place in places])
     found = np.zeros(len(places))
-    found[~apart] = normalise(evidence[~apart] / misfit(places[0]))
+    found[~apart] = normalise(evidence[~apart] / misfit(places[0].nats))
     return found
-
-
-def _log_room(draws: ModeDraws) -> float:
-    """Logarithm of the volume that a mode's joint positions fill, up to what is the same for all modes."""
-    weights = np.exp(draws.log_weights)
-    gap = draws.joints - weights @ draws.joints
-    spread = np.einsum("k,ki,kj->ij", weights, gap, gap) + SHUT**2 * np.eye(gap.shape[1])
-    return float(np.linalg.slogdet(spread)[1] / 2)
 
 
 def _centre(problem: Problem, place: Place) -> Centre:
     """The middle of a place's draws in what is known to within the tolerance, the root's pose all together; in what is
     not, the place itself."""
-    model, middle, draws = problem.mrf.model, problem.mrf.centres[0], place.draws
-    offsets = mode_offsets(problem, place.root, place.joints, draws.roots, draws.joints)
-    weights = np.exp(draws.log_weights)
-    mean = weights @ offsets
-    stds = np.sqrt(weights @ (offsets - mean) ** 2)
-    known = stds * coordinate_levers(problem) < problem.tolerance_end
+    model, draws = problem.mrf.model, place.draws
+    known = draws.stds * coordinate_levers(problem) < problem.tolerance_end
     known[:6] = known[:6].all()
-    mean = np.where(known, mean, 0.0)
-    root = poses.perturb(place.root, mean[:3], mean[3:6], middle)
+    mean = np.where(known, draws.middle, 0.0)
+    root = poses.perturb(place.root, mean[:3], mean[3:6], problem.mrf.centres[0])
     joints = within_limits(place.joints + mean[6:], model.lower, model.upper, model.wraps)
-    nuisances = weights @ draws.nuisances if draws.nuisances is not None and known[0] else problem.nuisances
+    nuisances = problem.nuisances
+    if draws.nuisances is not None and known[0]:
+        nuisances = np.exp(draws.log_weights) @ draws.nuisances
     return Centre(root=root, joints=joints, nuisances=nuisances)
-
-
-def mode_offsets(problem: Problem, root: Array, joints: Array, roots: Array, drawn_joints: Array) -> Array:
-    """(K, 6 + D) of draws (K, 7), (K, D) from a configuration (7,), (D,): the translation of the root's centre, its
-    rotation vector, joints."""
-    middle = problem.mrf.centres[0]
-    moves = poses.transform_points(roots, middle) - poses.transform_points(root, middle)
-    turns = poses.quaternion_multiply(roots[:, 3:], poses.quaternion_conjugate(root[3:]))
-    slides = short_way_round(drawn_joints - joints, problem.mrf.model.wraps)
-    return np.concatenate([moves, poses.to_rotation_vector(turns), slides], axis=1)
 
 
 def coordinate_levers(problem: Problem) -> Array:

@@ -18,11 +18,8 @@ from pmpnbp.inference.mrf import part_motions
 from pmpnbp.inference.problem import LONG_CHAIN, Problem
 from pmpnbp.inference.tree_estimate import polish
 from pmpnbp.readout.fit import assess
-from pmpnbp.readout.object_posterior import ModeDraws, log_posterior
+from pmpnbp.readout.object_posterior import ModeDraws, log_posterior, misfit
 
-# Share of its score by which a place may be worth more or less than another for no good reason: on even seeds rivals
-# in sight are worse than right estimates by 4 % and more, and those that are taken for each other within 2 %.
-MISFIT = 0.007
 # A rival is polished where its score is worse than the estimate's by a smaller share, and drawn from where it is then
 # worse by fewer nats, counted as they weigh: a broad mode may make up for some.
 CLOSE, NATS = 0.2, 7.0
@@ -68,7 +65,7 @@ def contenders(
     others = _others(rng, problem, report, own, roots, joints, score)
     yield from ((*other, True) for other in others)
     close = score > own.nats - CLOSE * abs(own.nats)
-    roots, joints, nats = roots[close], joints[close], NATS * misfit(own)
+    roots, joints, nats = roots[close], joints[close], NATS * misfit(own.nats)
     if problem.mrf.depth >= LONG_CHAIN:
         bent_roots, bent = crank_moves(problem.mrf, own.root, own.joints)
         top = np.argsort(-log_posterior(problem, bent_roots, bent), kind="stable")[:BENT]
@@ -140,11 +137,6 @@ def mode_reach(problem: Problem, place: Place) -> Array:
 def least_reach(problem: Problem) -> float:
     """Metres up to which all parts are of the same mode, whatever is drawn."""
     return SAME_BEND if problem.mrf.depth >= LONG_CHAIN else SAME
-
-
-def misfit(place: Place) -> float:
-    """Nats of evidence that count as one, between places."""
-    return 1.0 + MISFIT * abs(place.nats)
 
 
 def strayed(problem: Problem, root: Array, joints: Array, roots: Array, others: Array) -> Array:

@@ -23,7 +23,8 @@ from pmpnbp.inference.log_weights import normalise
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import moved
 from pmpnbp.readout.expected_scan import PROBE, Probed, blocking_points, expected_scan, hidden, information, told_apart
-from pmpnbp.readout.mixture import coordinate_levers, mode_offsets
+from pmpnbp.readout.mixture import coordinate_levers
+from pmpnbp.readout.object_posterior import mode_offsets
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.scene.articulated_object import parts_of_links
 from pmpnbp.settings import SessionOptions

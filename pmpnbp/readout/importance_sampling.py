@@ -20,13 +20,13 @@ from scipy.special import gammaln
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.log_weights import effective_sample_size, log_sum_exp, normalise, tempering
 
-FREEDOM = 5.0
+FREEDOM = 10.0
 # Of a coordinate of a proposal: what is narrower is one number, and has no inverse.
 LEAST_VARIANCE = 1e-14
 # Added to correlations: those of coordinates of which one is known a million times as well as another are rounded.
 ROUNDING = 1e-9
 # Weights are tempered until this share of all draws counts, before mean and covariance are taken from them.
-EFFECTIVE_SHARE = 0.1
+EFFECTIVE_SHARE = 0.07
 # Where fewer draws count, or fewer than half of those that there are, weights are tempered further than is allowed.
 FEW = 20.0
 # A coordinate within so many standard deviations of a limit is folded there; as many coordinates at most, as each
@@ -88,23 +88,6 @@ class Proposal:
             found[:, grid.coordinate] = grid.draw(rng, count)
         return found
 
-    def log_density(self, rows: Array) -> Array:
-        """(C,) of rows (C, P) within the limits."""
-        own, (coordinates, limits), whitening = self._own, self._folds, self._whitening
-        deviates = (rows[:, own] - self.mean[own]) @ whitening.T
-        # a row may be the image of any of its mirror images, which are where a step along these columns leads
-        columns = whitening[:, np.searchsorted(own, coordinates)]
-        mirrored = np.array(list(product((0.0, 1.0), repeat=len(limits))))[:, None]
-        steps = mirrored * 2 * (limits - rows[:, coordinates])
-        # |deviates + columns steps|^2 of each image, multiplied out: no array is as large as all images together
-        squares = (deviates**2).sum(axis=1) + 2 * (steps * (deviates @ columns)).sum(axis=-1)
-        squares += ((steps @ (columns.T @ columns)) * steps).sum(axis=-1)
-        log = -0.5 * (FREEDOM + len(own)) * np.log1p(np.maximum(squares, 0.0) / FREEDOM)
-        found = log_sum_exp(log, axis=0) + self._log_norm
-        for grid in self.grids:
-            found = found + grid.log_density(rows[:, grid.coordinate])
-        return found
-
     @cached_property
     def _own(self) -> NDArray[np.int64]:
         free = np.ones(len(self.mean), dtype=np.bool_)
@@ -137,6 +120,36 @@ class Proposal:
         near = self._own[nearest[self._own] < NEAR_LIMIT]
         chosen = near[np.argsort(nearest[near], kind="stable")][:MOST_FOLDED]
         return chosen, np.where(below <= above, self.lower, self.upper)[chosen]
+
+
+def log_densities(proposals: Sequence[Proposal], rows: Array) -> Array:
+    """(R, C) of R proposals of the same coordinates and grids at rows (C, P) within the limits."""
+    own, grids = proposals[0]._own, proposals[0].grids
+    whitenings = np.stack([one._whitening for one in proposals])
+    means = np.stack([one.mean[own] for one in proposals])
+    deviates = (rows[:, own] - means[:, None]) @ whitenings.swapaxes(1, 2)
+    squares = (deviates**2).sum(axis=-1)[..., None]
+    folded = max(len(one._folds[0]) for one in proposals)
+    if folded:
+        # a row may be the image of any of its mirror images, which are where a step along these columns leads
+        columns, gaps = np.zeros((len(proposals), len(own), folded)), np.zeros((len(proposals), len(rows), folded))
+        images = np.array(list(product((0.0, 1.0), repeat=folded)))
+        shown = np.ones((len(proposals), 1, len(images)), dtype=np.bool_)
+        for number, one in enumerate(proposals):
+            coordinates, limits = one._folds
+            columns[number, :, : len(limits)] = whitenings[number][:, np.searchsorted(own, coordinates)]
+            gaps[number, :, : len(limits)] = 2 * (limits - rows[:, coordinates])
+            shown[number, 0] = ~images[:, len(limits) :].any(axis=1)
+        # |deviates + columns steps|^2 of each image, multiplied out: no array is as large as all images together
+        steps = images * gaps[:, :, None]
+        along, across = deviates @ columns, columns.swapaxes(1, 2) @ columns
+        squares = squares + 2 * (steps @ along[..., None])[..., 0] + ((steps @ across[:, None]) * steps).sum(axis=-1)
+        squares = np.where(shown, squares, np.inf)
+    log = -0.5 * (FREEDOM + len(own)) * np.log1p(np.maximum(squares, 0.0) / FREEDOM)
+    found = log_sum_exp(log) + np.array([[one._log_norm] for one in proposals])
+    for grid in grids:
+        found = found + grid.log_density(rows[:, grid.coordinate])
+    return found
 
 
 @dataclass(frozen=True)
@@ -179,9 +192,9 @@ def adaptive_importance(
     for round_number, count in enumerate(counts):
         proposals.append(proposal)
         new = proposal.draw(rng, count)
-        proposed = np.logaddexp(proposed, np.log(count) + proposal.log_density(rows))
-        own = [np.log(drawn) + one.log_density(new) for drawn, one in zip(counts, proposals, strict=False)]
-        proposed = np.concatenate([proposed, log_sum_exp(np.array(own), axis=0)])
+        proposed = np.logaddexp(proposed, np.log(count) + log_densities([proposal], rows)[0])
+        own = np.log(counts[: len(proposals)])[:, None] + log_densities(proposals, new)
+        proposed = np.concatenate([proposed, log_sum_exp(own, axis=0)])
         rows, value = np.concatenate([rows, new]), np.concatenate([value, log_density(new)])
         log_weights = value - proposed + np.log(len(rows))
         if value.max() > high or (round_number and _count(least_power * log_weights) >= enough):

@@ -17,12 +17,14 @@ from scipy import stats
 from pmpnbp.geometry.poses import Array
 from pmpnbp.readout.importance_sampling import (
     FEW,
+    FREEDOM,
     ROUNDING,
     Grid,
     LogDensity,
     Proposal,
     WeightedDraws,
     adaptive_importance,
+    log_densities,
 )
 
 SETS = 40
@@ -110,7 +112,7 @@ def test_a_proposal_s_density_is_that_of_its_draws(limits: tuple[float, float]) 
     at = np.linspace(max(limits[0], -60), min(limits[1], 60), 6001)
     across = 2 + np.linspace(-60, 60, 1201)
     grid = np.stack(np.meshgrid(at, across, indexing="ij"), axis=-1).reshape(-1, 2)
-    density = np.trapezoid(np.exp(proposal.log_density(grid)).reshape(len(at), len(across)), across, axis=1)
+    density = np.trapezoid(np.exp(log_densities([proposal], grid)[0]).reshape(len(at), len(across)), across, axis=1)
     below = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2 * np.diff(at))])
     assert below[-1] == pytest.approx(1.0, abs=2e-3)
     drawn = proposal.draw(np.random.default_rng(4), 4000)[:, 0]
@@ -131,14 +133,14 @@ def test_a_density_folded_at_several_limits_is_the_sum_over_all_mirror_images(rn
     own = [0, 2, 3, 4]
     # the proposal adds as much to correlations
     rounded = covariance + ROUNDING * np.diag(np.diag(covariance))
-    student = stats.multivariate_t(mean[own], rounded[np.ix_(own, own)], df=5)
+    student = stats.multivariate_t(mean[own], rounded[np.ix_(own, own)], df=FREEDOM)
     expected = np.zeros(len(rows))
     for folded in product((False, True), repeat=3):
         image = rows.copy()
         for (coordinate, limit), mirrored in zip(((0, lower[0]), (2, upper[2]), (4, upper[4])), folded, strict=True):
             image[:, coordinate] = 2 * limit - image[:, coordinate] if mirrored else image[:, coordinate]
         expected += student.pdf(image[:, own])
-    found = Proposal(mean, covariance, lower, upper, (grid,)).log_density(rows)
+    (found,) = log_densities([Proposal(mean, covariance, lower, upper, (grid,))], rows)
     np.testing.assert_allclose(found, np.log(expected) + grid.log_density(rows[:, 1]), rtol=1e-9)
 
 
@@ -164,7 +166,7 @@ def test_it_ends_when_enough_draws_count() -> None:
 
 
 def test_a_density_with_an_error_at_every_place_is_drawn_as_wide_as_without() -> None:
-    """With one of 2.5 nats, less than half as many draws would count; widths are right to a tenth over the sets."""
+    """With one of 3 nats, less than half as many draws would count; widths are right to a tenth over the sets."""
 
     def widths(least_power: float) -> tuple[Array, float]:
         found, counted = [], []
@@ -172,7 +174,7 @@ def test_a_density_with_an_error_at_every_place_is_drawn_as_wide_as_without() ->
             rng = np.random.default_rng([4, k])
 
             def rough(rows: Array, rng: np.random.Generator = rng) -> Array:
-                return np.asarray(-0.5 * (rows**2).sum(axis=1) + 2.5 * rng.standard_normal(len(rows)))
+                return np.asarray(-0.5 * (rows**2).sum(axis=1) + 3.0 * rng.standard_normal(len(rows)))
 
             start = unlimited(1.7 * np.eye(6), np.full(6, 0.3))
             made = adaptive_importance(rng, rough, start, (100, *[200] * 15), 100.0, least_power)

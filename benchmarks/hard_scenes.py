@@ -113,7 +113,9 @@ def hidden_drawer(number: int) -> HardScene:
 def _hidden(rng: np.random.Generator) -> HardScene:
     width, depth, height = rng.uniform([0.4, 0.35, 0.6], [0.55, 0.45, 0.85])
     urdf = models.cabinet(width, depth, height, (1, 1.2, 1.4), 0.12)
-    joints = {"slide1": rng.uniform(0.2, 0.3), "slide2": rng.uniform(0, 0.15), "slide3": rng.uniform(0, 0.15)}
+    # a shallow chest's does not come out so far
+    top = min(float(rng.uniform(0.2, 0.3)), models.travel(depth))
+    joints = {"slide1": top, "slide2": rng.uniform(0, 0.15), "slide3": rng.uniform(0, 0.15)}
     scene = _floor_scene(rng, urdf, joints, 1.2, 0.4 * height, things=1)
     camera = camera_before(scene.pose_world_base, rng.uniform(-20, 20), 0.75, height + 1.3, 0.5 * height)
     return HardScene(replace(scene, camera=camera), urdf)

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.half_turns import half_turns
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import assemble, configuration_scores, polish, profile_scores
+from pmpnbp.inference.triple_moves import triple_moves
 from pmpnbp.settings import Schedule
 
 # Positions over a joint's range, at least and at most: as many as leave the part no farther than the tolerance from one
@@ -63,7 +63,7 @@ def elsewhere(
     rng: np.random.Generator, problem: Problem, roots: Array, joints: Array, plan: Schedule, *, anywhere: bool = False
 ) -> tuple[Array, Array]:
     """Joint vectors (H, J, D) of each of H configurations (H, 7), (H, D) with one of its joints moved, each to its best
-    PLACES, then with three of them moved (see `half_turns`); and their scores (H, J), -inf where a joint has no such
+    PLACES, then with three of them moved (see `triple_moves`); and their scores (H, J), -inf where a joint has no such
     place.
 
     Positions are of one place where no score on the way from one to the other is lower than both by more than a DIP:
@@ -106,7 +106,7 @@ def elsewhere(
                 found.append(tried[None, row, best])
                 scores.append(left[None, rows, which * count + best])
                 taken |= np.repeat(_basin(score[row], best, score[row, best], dip, wraps), 2, axis=0)
-    turned, possible = half_turns(mrf, part_poses, joints)
+    turned, possible = triple_moves(mrf, part_poses, joints)
     score = np.full(possible.shape, -np.inf)
     which = np.nonzero(possible)
     score[which] = configuration_scores(problem, roots[which[0]], turned[which], plan.tolerance)

@@ -53,15 +53,19 @@ class Bend:
 def bends(mrf: Mrf, root: Array, joints: Array) -> list[Bend]:
     """Those of a configuration (7,), (D,)."""
     model = mrf.model
-    single = [edge for edge in (model.edges[number] for number in mrf.tree) if len(edge.coordinates) == 1]
+    used = [coordinate for edge in model.edges for coordinate in edge.coordinates.tolist()]
+    # a joint that another one follows moves more than these links
+    single = [
+        edge
+        for edge in (model.edges[number] for number in mrf.tree)
+        if len(edge.coordinates) == 1 and used.count(edge.coordinates[0]) == 1
+    ]
     rows = [[edge] for edge in single]
     for _ in range(JOINTS - 1):
         rows = [[*row, edge] for row in rows for edge in single if edge.parent == row[-1].child]
     found = []
     for row in rows:
         coordinates = tuple(int(edge.coordinates[0]) for edge in row)
-        if len(set(coordinates)) < JOINTS:
-            continue
         moved = np.tile(joints, (1 + JOINTS, 1))
         moved[1 + np.arange(JOINTS), coordinates] += LITTLE
         parts = mrf.part_poses(np.tile(root, (1 + JOINTS, 1)), moved)

@@ -26,6 +26,14 @@ def test_a_scene_is_the_same_by_seed_and_its_model_has_the_joints_that_are_moved
         assert limits[name][0] <= position <= limits[name][1]
 
 
+@pytest.mark.parametrize("seed", [45, 113])
+def test_a_shallow_chest_s_drawer_comes_out_as_far_as_it_can(seed: int, tmp_path: Path) -> None:
+    made = hard_scene("hidden", seed)
+    (tmp_path / "model.urdf").write_text(made.urdf, encoding="utf-8")
+    slide = next(joint for joint in load_model(tmp_path / "model.urdf").joints if joint.name == "slide1")
+    assert 0.2 < made.scene.joint_positions["slide1"] <= slide.limits()[1] + 1e-6 < 0.3
+
+
 def test_a_tent_stands_on_its_two_outer_edges() -> None:
     scene = hard_scene("tent", 3).scene
     table = scene.clutter[1].bounds[1, 2]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,7 +61,10 @@ def test_the_links_between_move_and_those_before_and_behind_stay(length: float) 
 
 
 def test_what_has_no_four_joints_in_a_row_about_parallel_axes_has_none() -> None:
-    for model in (worlds.star(5), worlds.cupboard(), flat_chain(JOINTS), worlds.hinged_chain(COUNT)):
+    followed = flat_chain(JOINTS + 1)
+    mimic = replace(followed.edges[3], coordinates=followed.edges[0].coordinates)
+    followed = replace(followed, edges=(*followed.edges[:3], mimic))
+    for model in (worlds.star(5), worlds.cupboard(), flat_chain(JOINTS), worlds.hinged_chain(COUNT), followed):
         joints = np.clip(0.2 + 0.1 * np.arange(model.dof), model.lower, model.upper)
         assert bends(fields.build(model), ROOT, joints) == []
 

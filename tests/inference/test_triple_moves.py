@@ -9,7 +9,7 @@ from pmpnbp.geometry import poses
 from pmpnbp.inference import joint_sweep
 from pmpnbp.inference import mrf as mrf_module
 from pmpnbp.inference import problem as problems
-from pmpnbp.inference.half_turns import half_turns, in_a_row
+from pmpnbp.inference.triple_moves import in_a_row, triple_moves
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 from pmpnbp.scene.meshes import box, transformed
 from pmpnbp.scene.parts import LinkSurface
@@ -42,7 +42,7 @@ def test_a_wrist_bent_the_other_way_leaves_the_hand_in_place(rng: np.random.Gene
         [rng.uniform(-1, 1, 8), rng.uniform(-3, 3, 8), rng.uniform(0.3, 1.5, 8), rng.uniform(-3, 3, 8)]
     )
     roots = np.tile(worlds.at(0.5, yaw=0.4), (8, 1))
-    found, possible = half_turns(mrf, model.part_poses(roots, joints), joints)
+    found, possible = triple_moves(mrf, model.part_poses(roots, joints), joints)
     # the shoulder has no room for half a turn; the roll has
     assert found.shape == (8, 2, 4) and not possible[:, 0].any() and possible[:, 1].all()
     changed = found[:, 1]
@@ -59,14 +59,71 @@ def test_a_wrist_bent_the_other_way_leaves_the_hand_in_place(rng: np.random.Gene
 def test_a_joint_without_room_for_half_a_turn_is_said_to_have_none() -> None:
     model = arm(limit=1.5)
     joints = np.array([[0.0, 0.2, 0.5, 0.1]])
-    _, possible = half_turns(mrf_module.build(model), model.part_poses(worlds.at()[None], joints), joints)
+    _, possible = triple_moves(mrf_module.build(model), model.part_poses(worlds.at()[None], joints), joints)
     assert not possible.any()
+
+
+def row_of_bars(limit: float = 2.0) -> ArticulatedObject:
+    """Five bars, hinged about y at the far end of the one before."""
+    joints = [
+        Joint(f"hinge{k}", "revolute", f"link{k - 1}", f"link{k}", worlds.at(z=0.2), worlds.Y, -limit, limit, (k - 1,))
+        for k in range(1, 5)
+    ]
+    bar = worlds.block([0.06, 0.05, 0.2], worlds.at(z=0.1))
+    return worlds.articulated(joints, {f"link{k}": bar for k in range(5)})
+
+
+def test_an_elbow_bent_the_other_way_leaves_what_is_behind_it(rng: np.random.Generator) -> None:
+    model = row_of_bars()
+    mrf = mrf_module.build(model)
+    joints = rng.uniform(-0.6, 0.6, (8, 4))
+    roots = np.tile(worlds.at(0.5, yaw=0.4, roll=1.0), (8, 1))
+    before = model.part_poses(roots, joints)
+    found, possible = triple_moves(mrf, before, joints)
+    # two triples: half turns, for which there is no room, and elbows
+    assert found.shape == (8, 4, 4) and not possible[:, :2].any()
+    for elbow, (between, behind) in {2: ([1, 2], [3, 4]), 3: ([2, 3], [4])}.items():
+        rows = possible[:, elbow]
+        assert rows.sum() >= 4
+        after = model.part_poses(roots, found[:, elbow])
+        np.testing.assert_allclose(after[rows][:, behind, :3], before[rows][:, behind, :3], atol=1e-6)
+        assert poses.rotation_angle(after[rows][:, behind, 3:], before[rows][:, behind, 3:]).max() < 1e-6
+        assert poses.rotation_angle(after[rows][:, between, 3:], before[rows][:, between, 3:]).min() > 0.05
+        # and bent once more it is as it was
+        again, _ = triple_moves(mrf, after, found[:, elbow])
+        np.testing.assert_allclose(again[rows, elbow], joints[rows], atol=1e-6)
+
+
+def test_an_elbow_in_a_line_or_without_room_is_not_bent_the_other_way() -> None:
+    straight = np.array([[0.3, 0.0, 0.0, 0.2]])
+    for limit, joints in ((2.0, straight), (0.7, np.array([[0.6, 0.6, -0.6, -0.6]]))):
+        model = row_of_bars(limit)
+        _, possible = triple_moves(mrf_module.build(model), model.part_poses(worlds.at()[None], joints), joints)
+        assert not possible[:, 2].any()
+
+
+def test_the_sweep_comes_back_from_an_elbow_bent_the_other_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, root, truth = row_of_bars(), worlds.at(1.0, -0.3, 0.3, roll=1.2), np.array([0.2, 0.5, -0.9, 0.5])
+    scene = problems.build(
+        model, worlds.seen(model, root, truth), UniformPrior("upright"), worlds.settings(), particles=40
+    )
+    plan = schedule(scene.settings, scene.search_iterations, scene.search_iterations)
+    wrong, possible = triple_moves(scene.mrf, model.part_poses(root[None], truth[None]), truth[None])
+    assert possible[0, 3]
+
+    def swept() -> np.ndarray:
+        return joint_sweep.sweep(np.random.default_rng(0), scene, root, wrong[0, 3], plan, 1)[1]
+
+    np.testing.assert_allclose(swept(), truth, atol=0.1)
+    none = np.zeros((1, 0, 4)), np.zeros((1, 0), dtype=bool)
+    monkeypatch.setattr(joint_sweep, "triple_moves", lambda mrf, part_poses, joints: none)
+    assert np.abs(swept() - truth).max() > 0.3
 
 
 def test_an_object_of_two_joints_has_no_three_in_a_row() -> None:
     model = worlds.cupboard()
     joints = np.zeros((1, 2))
-    found, possible = half_turns(mrf_module.build(model), model.part_poses(worlds.at()[None], joints), joints)
+    found, possible = triple_moves(mrf_module.build(model), model.part_poses(worlds.at()[None], joints), joints)
     assert found.shape == (1, 0, 2) and possible.shape == (1, 0)
 
 
@@ -85,7 +142,7 @@ def test_the_sweep_comes_back_from_a_wrist_bent_the_other_way(monkeypatch: pytes
         model, worlds.seen(model, root, truth), UniformPrior("upright"), worlds.settings(), particles=40
     )
     plan = schedule(scene.settings, scene.search_iterations, scene.search_iterations)
-    wrong, _ = half_turns(scene.mrf, model.part_poses(root[None], truth[None]), truth[None])
+    wrong, _ = triple_moves(scene.mrf, model.part_poses(root[None], truth[None]), truth[None])
 
     def swept() -> np.ndarray:
         rng = np.random.default_rng(0)
@@ -94,5 +151,5 @@ def test_the_sweep_comes_back_from_a_wrist_bent_the_other_way(monkeypatch: pytes
     assert abs(wrong[0, 1, 2] - truth[2]) > 1.0
     np.testing.assert_allclose(swept(), truth, atol=0.15)
     none = np.zeros((1, 0, 4)), np.zeros((1, 0), dtype=bool)
-    monkeypatch.setattr(joint_sweep, "half_turns", lambda mrf, part_poses, joints: none)
+    monkeypatch.setattr(joint_sweep, "triple_moves", lambda mrf, part_poses, joints: none)
     assert np.abs(swept() - truth).max() > 1.0

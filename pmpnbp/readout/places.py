@@ -1,5 +1,5 @@
-"""Where else could the object be? The places that the search compared last, and for a long chain those bent otherwise,
-brought to their best where their score comes near the estimate's.
+"""Where else could the object be? The places that the search compared last, a wrist or an elbow bent the other way, and
+for a long chain those bent otherwise, brought to their best where their score comes near the estimate's.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from pmpnbp.inference.crank_moves import crank_moves
 from pmpnbp.inference.mrf import part_motions
 from pmpnbp.inference.problem import LONG_CHAIN, Problem
 from pmpnbp.inference.tree_estimate import polish
+from pmpnbp.inference.triple_moves import triple_moves
 from pmpnbp.readout.fit import assess
 from pmpnbp.readout.object_posterior import ModeDraws, log_posterior, misfit
 
@@ -57,13 +58,16 @@ def contenders(
     """Root pose (7,) and joint vector (D,) of the rivals at their best, what the views say of each, and whether it is
     another thing of the same kind: those are told first, then those that come near the estimate's mode, of all that are
     not within `reach` (N,) of it."""
-    rivals = np.zeros((0, 7 + len(own.joints))) if report.rivals is None else report.rivals
-    roots, joints = rivals[:, :7], rivals[:, 7:]
+    others, possible = triple_moves(problem.mrf, problem.mrf.part_poses(own.root, own.joints)[None], own.joints[None])
+    joints = others[possible]
+    roots = np.tile(own.root, (len(joints), 1))
+    if report.rivals is not None:
+        roots = np.concatenate([report.rivals[:, :7], roots])
+        joints = np.concatenate([report.rivals[:, 7:], joints])
     left = np.any(strayed(problem, own.root, own.joints, roots, joints) > reach, axis=1)
     roots, joints = roots[left], joints[left]
     score = log_posterior(problem, roots, joints)
-    others = _others(rng, problem, report, own, roots, joints, score)
-    yield from ((*other, True) for other in others)
+    yield from ((*other, True) for other in _others(rng, problem, report, own, roots, joints, score))
     close = score > own.nats - CLOSE * abs(own.nats)
     roots, joints, nats = roots[close], joints[close], NATS * misfit(own.nats)
     if problem.mrf.depth >= LONG_CHAIN:

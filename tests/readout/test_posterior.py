@@ -75,6 +75,33 @@ def test_two_places_that_look_the_same_are_two_modes_of_about_one_weight(problem
         assert means[0] < 0.01 and 0.05 < means[1] < 0.2
 
 
+def elbow() -> ArticulatedObject:
+    """A board before two small links, and above it a bar behind them: which way they are bent cannot be seen."""
+    hinges = [
+        Joint(f"hinge{k}", "revolute", f"link{k - 1}", f"link{k}", at(z=height), X, -2.0, 2.0, (k - 1,))
+        for k, height in ((1, 0.0), (2, 0.2), (3, 0.2))
+    ]
+    small = block([0.04, 0.04, 0.2], at(z=0.1))
+    board, bar = block([0.02, 0.9, 0.5], at(-0.15, 0.0, 0.2)), block([0.06, 0.05, 0.5], at(z=0.28))
+    return articulated(hinges, {"link0": board, "link1": small, "link2": small, "link3": bar})
+
+
+def test_a_hidden_elbow_may_be_bent_either_way() -> None:
+    """Though the search left no rival: of those two links nobody is certain, of what holds them both everybody is."""
+    model, root, bent = elbow(), at(1.3), np.array([0.35, -0.7, 0.35])
+    seen = worlds.seen(model, root, bent, worlds.camera_at((0.0, 0.0, 0.5), (1.3, 0.0, 0.4)))
+    problem = problems.build(model, seen, UniformPrior("upright"), worlds.settings(), particles=20, seed=5)
+    _, made = run.begin(problem)
+    placed = problem.mrf.part_poses(root, bent)
+    told = replace(made, iteration=12, stage="belief propagation", map_poses=placed, map_joints=bent)
+    for seed in range(3):
+        found = of_estimate(replace(problem, seed=seed), told)
+        assert len(found.modes) == 2 and all(0.35 < mode.weight < 0.65 for mode in found.modes)
+        joints = sorted((mode.joints for mode in found.modes), key=lambda one: one[0])
+        np.testing.assert_allclose(joints, [-bent, bent], atol=0.1)
+        assert spread(problem, found, root, bent).certain(found, 0.02).tolist() == [True, False, False, True]
+
+
 def test_nobody_is_certain_of_which_of_two_it_is(problem: Problem) -> None:
     both = of_estimate(problem, report(problem, TURNED))
     alone = of_estimate(problem, report(problem))

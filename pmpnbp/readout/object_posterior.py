@@ -120,33 +120,14 @@ def mode_draws(
     rows, weights = drawn.rows[:, : 6 + model.dof], np.exp(drawn.log_weights)
     placed, best = _placed(problem, root, joints, rows), int(drawn.log_density.argmax())
     middle, hidden = weights @ rows, grain(problem, root, joints)
-    values, axes = np.linalg.eigh(hidden)
-    # the symmetric root: axes of equal variance are any
-    stir = rng.standard_normal((len(rows), len(values))) @ (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
-    roots, q = _placed(problem, root, joints, rows + stir)
-    q = within_limits(q, model.lower, model.upper, model.wraps)
-    if isinstance(problem.prior, UniformPrior) and (spin := free_turn(model)):
-        roots, q = turned_anyhow(rng, model, spin, roots, q)
-        q = within_limits(q, model.lower, model.upper, model.wraps)
-    stds = np.sqrt(weights @ (mode_offsets(problem, root, joints, roots, q) - middle) ** 2)
+    roots, q = _stirred(rng, problem, root, joints, rows, hidden)
     covariance = np.einsum("k,ki,kj->ij", weights, rows - middle, rows - middle) + hidden
-    at, there = _placed(problem, root, joints, middle[None])
-    there = within_limits(there, model.lower, model.upper, model.wraps)
-    inverse_temperature = 1 / misfit(float(log_posterior(problem, at, there)[0]))
-    bent = bent_otherwise(
-        rng,
-        problem.mrf,
-        (at[0], there[0]),
-        covariance,
-        (roots, q),
-        lambda *some: inverse_temperature * log_posterior(problem, *some),
-    )
     return ModeDraws(
         roots=roots,
-        joints=bent,
+        joints=_bent(rng, problem, _placed(problem, root, joints, middle[None]), covariance, (roots, q)),
         log_weights=drawn.log_weights,
         middle=middle,
-        stds=stds,
+        stds=np.sqrt(weights @ (mode_offsets(problem, root, joints, roots, q) - middle) ** 2),
         nuisances=_nuisances(problem, free, drawn.rows[:, 6 + model.dof :]),
         best_root=placed[0][best],
         best_joints=within_limits(placed[1][best], model.lower, model.upper, model.wraps),
@@ -170,6 +151,39 @@ def mode_offsets(problem: Problem, root: Array, joints: Array, roots: Array, dra
 def misfit(nats: float) -> float:
     """Nats of evidence that count as one, between places of a posterior that is so high."""
     return 1.0 + MISFIT * abs(nats)
+
+
+def _stirred(
+    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, rows: Array, hidden: Array
+) -> tuple[Array, Array]:
+    """Root poses (K, 7) and joint vectors (K, D) at offsets (K, 6 + D) and what a covariance (6 + D, 6 + D) hides, by
+    any turn that nothing tells."""
+    model = problem.mrf.model
+    values, axes = np.linalg.eigh(hidden)
+    # the symmetric root: axes of equal variance are any
+    stir = rng.standard_normal((len(rows), len(values))) @ (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
+    roots, q = _placed(problem, root, joints, rows + stir)
+    q = within_limits(q, model.lower, model.upper, model.wraps)
+    if isinstance(problem.prior, UniformPrior) and (spin := free_turn(model)):
+        roots, q = turned_anyhow(rng, model, spin, roots, q)
+    return roots, within_limits(q, model.lower, model.upper, model.wraps)
+
+
+def _bent(
+    rng: np.random.Generator,
+    problem: Problem,
+    middle: tuple[Array, Array],
+    covariance: Array,
+    draws: tuple[Array, Array],
+) -> Array:
+    """Joint vectors (K, D) of draws, bent otherwise where their middle, (1, 7) and (1, D), may be: nats count there as
+    between places."""
+    model = problem.mrf.model
+    root, joints = middle[0], within_limits(middle[1], model.lower, model.upper, model.wraps)
+    share = 1 / misfit(float(log_posterior(problem, root, joints)[0]))
+    return bent_otherwise(
+        rng, problem.mrf, (root[0], joints[0]), covariance, draws, lambda *at: share * log_posterior(problem, *at)
+    )
 
 
 def _log_room(weights: Array, joints: Array) -> float:

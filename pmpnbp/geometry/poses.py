@@ -216,6 +216,14 @@ def perturb(pose: Array, translation: Array, rotation: Array, centre: Array | fl
     return np.concatenate([pivot + translation - rotate(q, offset), q], axis=-1)
 
 
+def perturbation(before: Array, after: Array, centre: Array) -> tuple[Array, Array]:
+    """The translation and the rotation vector (..., 3) by which `perturb` moves poses `before` to `after` (..., 7),
+    about the point `centre` (..., 3) of the moved frame."""
+    translation = transform_points(after, centre) - transform_points(before, centre)
+    turn = quaternion_multiply(after[..., 3:], quaternion_conjugate(before[..., 3:]))
+    return translation, to_rotation_vector(turn)
+
+
 def mean(pose: Array, weights: Array) -> Array:
     """Weighted means (..., 7) of poses (T, ..., 7), weights (T,): mean position, and the chordal mean rotation (Markley
     et al. 2007)."""

@@ -24,17 +24,15 @@ def crank_moves(mrf: Mrf, root: Array, joints: Array) -> tuple[Array, Array]:
     each that hangs on it by each of these or not at all, as far as limits allow; once what hangs on them is brought
     back, and once what they hang on."""
     model, here = mrf.model, mrf.part_poses(root, joints)
-    edges = [model.edges[number] for number in mrf.tree]
     turned, ends = [], []
-    for first in edges:
-        for second in (edge for edge in edges if edge.parent == first.child):
-            for one, other in product(TURNS, (*TURNS, 0.0)):
-                moved = joints.copy()
-                moved[first.coordinates] += one
-                moved[second.coordinates] += other
-                if np.all((moved >= model.lower) & (moved <= model.upper)):
-                    turned.append(moved)
-                    ends.append((first.child, second.child))
+    for first, second in mrf.edges_in_a_row(2):
+        for one, other in product(TURNS, (*TURNS, 0.0)):
+            moved = joints.copy()
+            moved[first.coordinates] += one
+            moved[second.coordinates] += other
+            if np.all((moved >= model.lower) & (moved <= model.upper)):
+                turned.append(moved)
+                ends.append((first.child, second.child))
     if not turned:
         return np.zeros((0, 7)), np.zeros((0, model.dof))
     tried, end = np.array(turned), np.array(ends)

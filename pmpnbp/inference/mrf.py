@@ -14,7 +14,7 @@ from pmpnbp.inference.tree_table import tree_table
 from pmpnbp.potentials.kernels import kinematics
 from pmpnbp.potentials.kernels.tree import Tree, place
 from pmpnbp.potentials.pairwise import EdgeTable, edge_table
-from pmpnbp.scene.articulated_object import ArticulatedObject
+from pmpnbp.scene.articulated_object import ArticulatedObject, Edge
 
 # Metres: the radius of a part without a surface; and the least lever that a turn is reckoned by, so that a tiny part
 # does not turn by any angle at a time.
@@ -63,6 +63,14 @@ class Mrf:
     def axes_per_edge(self) -> int:
         """Largest number K of axes of an edge."""
         return self.before.shape[1]
+
+    def edges_in_a_row(self, count: int) -> list[tuple[Edge, ...]]:
+        """All rows of `count` edges of the tree, each but the first from the child of the one before."""
+        edges = [self.model.edges[number] for number in self.tree]
+        rows: list[tuple[Edge, ...]] = [(edge,) for edge in edges]
+        for _ in range(count - 1):
+            rows = [(*row, edge) for row in rows for edge in edges if edge.parent == row[-1].child]
+        return rows
 
     def part_poses(self, pose_world_root: Array, joint_positions: Array) -> Array:
         """`ArticulatedObject.part_poses`, compiled: (..., N, 7) from (..., 7) and (..., D), which broadcast."""

@@ -113,10 +113,8 @@ class Problem:
     def anneal_iterations(self) -> int:
         """Iterations after the search over which tolerance and diffusion go on to shrink: half where a narrow prior had
         it end near the object."""
-        half = self.narrow and self.search_iterations > 0
-        return (
-            math.ceil(NARROW_ITERATIONS * self.settings.anneal_iterations) if half else self.settings.anneal_iterations
-        )
+        whole = self.settings.anneal_iterations
+        return math.ceil(NARROW_ITERATIONS * whole) if self.narrow and self.search_iterations else whole
 
     @property
     def annealed(self) -> int:

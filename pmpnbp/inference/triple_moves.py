@@ -9,8 +9,6 @@ behind them nearest to its place.
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +16,7 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.mrf import Mrf
 from pmpnbp.potentials.joint_projection import closest_axes
-from pmpnbp.scene.articulated_object import ArticulatedObject, Edge
+from pmpnbp.scene.articulated_object import Edge
 
 # Axes are parallel whose cosine is this; an elbow is bent that is out of the line by more than so many radians.
 PARALLEL, BENT = 0.999, 0.03
@@ -31,7 +29,7 @@ def triple_moves(mrf: Mrf, part_poses: Array, joints: Array) -> tuple[Array, NDA
     edges in a row, then an elbow bent the other way for each of E: joint vectors (H, F + E, D), and whether the first
     joint's range has room for it (H, F + E)."""
     model = mrf.model
-    triples = _triples(model, mrf)
+    triples = _triples(mrf)
     turns = [(triple, np.full(len(joints), np.pi)) for triple in triples]
     turns += [(triple, _beyond_the_line(triple, part_poses)) for triple in triples if _is_elbow(mrf, triple)]
     found, possible = [], []
@@ -104,15 +102,13 @@ def in_a_row(first: Edge, second: Edge) -> Edge:
     )
 
 
-def _triples(model: ArticulatedObject, mrf: Mrf) -> list[tuple[Edge, Edge, Edge]]:
+def _triples(mrf: Mrf) -> list[Triple]:
     """Edges of the tree in a row, of joints of their own; the first one turns."""
-    edges = [model.edges[number] for number in mrf.tree]
-    found = []
-    for first, second, third in product(edges, repeat=3):
-        in_line = first.child == second.parent and second.child == third.parent
-        if in_line and len(first.axes) == 1 and first.revolute[0] and _independent(first, second, third):
-            found.append((first, second, third))
-    return found
+    return [
+        (first, second, third)
+        for first, second, third in mrf.edges_in_a_row(3)
+        if len(first.axes) == 1 and first.revolute[0] and _independent(first, second, third)
+    ]
 
 
 def _independent(*edges: Edge) -> bool:

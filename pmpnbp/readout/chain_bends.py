@@ -9,7 +9,7 @@ pixels, is by how much they may be bent so.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,17 +54,11 @@ def bends(mrf: Mrf, root: Array, joints: Array) -> list[Bend]:
     """Those of a configuration (7,), (D,)."""
     model = mrf.model
     used = [coordinate for edge in model.edges for coordinate in edge.coordinates.tolist()]
-    # a joint that another one follows moves more than these links
-    single = [
-        edge
-        for edge in (model.edges[number] for number in mrf.tree)
-        if len(edge.coordinates) == 1 and used.count(edge.coordinates[0]) == 1
-    ]
-    rows = [[edge] for edge in single]
-    for _ in range(JOINTS - 1):
-        rows = [[*row, edge] for row in rows for edge in single if edge.parent == row[-1].child]
     found = []
-    for row in rows:
+    for row in mrf.edges_in_a_row(JOINTS):
+        # a joint that another one follows moves more than these links
+        if any(len(edge.coordinates) != 1 or used.count(edge.coordinates[0]) != 1 for edge in row):
+            continue
         coordinates = tuple(int(edge.coordinates[0]) for edge in row)
         moved = np.tile(joints, (1 + JOINTS, 1))
         moved[1 + np.arange(JOINTS), coordinates] += LITTLE
@@ -101,6 +95,7 @@ def bent(mrf: Mrf, bend: Bend, roots: Array, joints: Array, lengths: Array) -> A
 def bent_otherwise(
     rng: np.random.Generator,
     mrf: Mrf,
+    motions: Sequence[Bend],
     middle: tuple[Array, Array],
     covariance: Array,
     draws: tuple[Array, Array],
@@ -111,7 +106,7 @@ def bent_otherwise(
     roots, joints = draws
     scale = np.sqrt(np.diag(covariance)) + LEAST_STD
     correlation = covariance / np.outer(scale, scale) + ROUNDING * np.eye(len(scale))
-    for bend in bends(mrf, *middle):
+    for bend in motions:
         direction = np.zeros(len(scale))
         direction[6 + np.array(bend.coordinates)] = bend.direction
         # the variance along it, all else as it is, that the covariance stands for
@@ -136,7 +131,5 @@ def spread_along(mrf: Mrf, bend: Bend, root: Array, joints: Array, log_density: 
 
 def _displacements(mrf: Mrf, part: int, before: Array, after: Array) -> Array:
     """(C, 6) metres that a part's middle and, by turning, its rim move between part poses (..., N, 7) and (C, N, 7)."""
-    middle, radius = mrf.centres[part], mrf.radii[part]
-    shift = poses.transform_points(after[:, part], middle) - poses.transform_points(before[..., part, :], middle)
-    turn = poses.quaternion_multiply(after[:, part, 3:], poses.quaternion_conjugate(before[..., part, 3:]))
-    return np.concatenate([shift, radius * poses.to_rotation_vector(turn)], axis=-1)
+    shift, turn = poses.perturbation(before[..., part, :], after[:, part], mrf.centres[part])
+    return np.concatenate([shift, mrf.radii[part] * turn], axis=-1)

@@ -94,11 +94,10 @@ def hidden_by_grain(mrf: Mrf, parts: Array, steps: Array, sharp: Array) -> Array
     parts : (T, 1 + P, N, 7), as they are and with each coordinate moved by its step (T, P)
     sharp : (T, N), what outlines tell of each part, 1 / metres squared
     """
-    middles = poses.transform_points(parts, mrf.centres)
-    turns = poses.quaternion_multiply(parts[:, 1:, :, 3:], poses.quaternion_conjugate(parts[:, :1, :, 3:]))
+    shifts, turns = poses.perturbation(parts[:, :1], parts[:, 1:], mrf.centres)
     # of points along a line as far as `radii` to both sides the distance from the middle is this, in the mean square
-    rims = mrf.radii[:, None] / np.sqrt(3) * poses.to_rotation_vector(turns)
-    slopes = np.concatenate([middles[:, 1:] - middles[:, :1], rims], axis=-1) / steps[:, :, None, None]
+    rims = mrf.radii[:, None] / np.sqrt(3) * turns
+    slopes = np.concatenate([shifts, rims], axis=-1) / steps[:, :, None, None]
     levers = np.sqrt((slopes**2).sum(axis=-1).max(axis=-1))
     # what moves nothing, or only by rounding
     levers = np.where(levers > 1e-6, levers, 1.0)

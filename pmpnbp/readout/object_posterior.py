@@ -21,7 +21,7 @@ from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature
 from pmpnbp.potentials.unary import object_scores
-from pmpnbp.readout.chain_bends import bent_otherwise
+from pmpnbp.readout.chain_bends import bends, bent_otherwise
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.free_turn import free_turn, turned_anyhow
 from pmpnbp.readout.image_grain import grain
@@ -118,7 +118,8 @@ def mode_draws(
     here = float(density(np.zeros((1, size)))[0])
     drawn = adaptive_importance(rng, density, first, counts, ENOUGH, HALF_SURE, here + surpassed)
     rows, weights = drawn.rows[:, : 6 + model.dof], np.exp(drawn.log_weights)
-    placed, best = _placed(problem, root, joints, rows), int(drawn.log_density.argmax())
+    best = int(drawn.log_density.argmax())
+    best_roots, best_joints = _placed(problem, root, joints, rows[[best]])
     middle, hidden = weights @ rows, grain(problem, root, joints)
     roots, q = _stirred(rng, problem, root, joints, rows, hidden)
     covariance = np.einsum("k,ki,kj->ij", weights, rows - middle, rows - middle) + hidden
@@ -129,8 +130,8 @@ def mode_draws(
         middle=middle,
         stds=np.sqrt(weights @ (mode_offsets(problem, root, joints, roots, q) - middle) ** 2),
         nuisances=_nuisances(problem, free, drawn.rows[:, 6 + model.dof :]),
-        best_root=placed[0][best],
-        best_joints=within_limits(placed[1][best], model.lower, model.upper, model.wraps),
+        best_root=best_roots[0],
+        best_joints=within_limits(best_joints[0], model.lower, model.upper, model.wraps),
         gain=float(drawn.log_density[best] - here),
         log_evidence=drawn.log_integral,
         log_room=_log_room(weights, q),
@@ -141,11 +142,8 @@ def mode_draws(
 def mode_offsets(problem: Problem, root: Array, joints: Array, roots: Array, drawn_joints: Array) -> Array:
     """(K, 6 + D) of draws (K, 7), (K, D) from a configuration (7,), (D,): the translation of the root's centre, its
     rotation vector, joints."""
-    middle = problem.mrf.centres[0]
-    moves = poses.transform_points(roots, middle) - poses.transform_points(root, middle)
-    turns = poses.quaternion_multiply(roots[:, 3:], poses.quaternion_conjugate(root[3:]))
-    slides = short_way_round(drawn_joints - joints, problem.mrf.model.wraps)
-    return np.concatenate([moves, poses.to_rotation_vector(turns), slides], axis=1)
+    moves, turns = poses.perturbation(root, roots, problem.mrf.centres[0])
+    return np.concatenate([moves, turns, short_way_round(drawn_joints - joints, problem.mrf.model.wraps)], axis=1)
 
 
 def misfit(nats: float) -> float:
@@ -178,12 +176,14 @@ def _bent(
 ) -> Array:
     """Joint vectors (K, D) of draws, bent otherwise where their middle, (1, 7) and (1, D), may be: nats count there as
     between places."""
-    model = problem.mrf.model
+    mrf, model = problem.mrf, problem.mrf.model
     root, joints = middle[0], within_limits(middle[1], model.lower, model.upper, model.wraps)
+    motions = bends(mrf, root[0], joints[0])
+    if not motions:
+        return draws[1]
     share = 1 / misfit(float(log_posterior(problem, root, joints)[0]))
-    return bent_otherwise(
-        rng, problem.mrf, (root[0], joints[0]), covariance, draws, lambda *at: share * log_posterior(problem, *at)
-    )
+    at = (root[0], joints[0])
+    return bent_otherwise(rng, mrf, motions, at, covariance, draws, lambda *some: share * log_posterior(problem, *some))
 
 
 def _log_room(weights: Array, joints: Array) -> float:

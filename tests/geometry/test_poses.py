@@ -185,6 +185,14 @@ def test_perturb_turns_about_the_given_point(rng: np.random.Generator) -> None:
     assert_same_rotation(turned, poses.from_rotation_vector(rotation))
 
 
+def test_a_perturbation_is_told_from_where_it_led(rng: np.random.Generator) -> None:
+    before = np.concatenate([rng.standard_normal((20, 3)), poses.random_quaternions(rng, (20,))], axis=1)
+    translation, rotation, centre = rng.standard_normal((3, 20, 3))
+    rotation *= (rng.uniform(0.0, 3.0, 20) / np.linalg.norm(rotation, axis=1))[:, None]
+    found = poses.perturbation(before, poses.perturb(before, translation, rotation, centre), centre)
+    np.testing.assert_allclose(found, (translation, rotation), atol=1e-9)
+
+
 def test_perturb_by_nothing_changes_nothing(rng: np.random.Generator) -> None:
     pose = random_poses(rng, (8,))
     assert_same_pose(poses.perturb(pose, np.zeros(3), np.zeros(3), np.ones(3)), pose)

@@ -61,10 +61,20 @@ def sliding_chain(count: int, offset: float = 0.3, half_range: float = 0.05) -> 
     return articulated(joints, {f"link{k}": block([0.1, 0.1, 0.1]) for k in range(count)})
 
 
-def hinged_chain(count: int, length: float = 0.2) -> ArticulatedObject:
-    """`count` bars along z, each hinged at the far end of the one before, about y and x in turn."""
+def hinged_chain(count: int, length: float = 0.2, *, limit: float = 1.2, flat: bool = False) -> ArticulatedObject:
+    """`count` bars along z, each hinged at the far end of the one before, about y and x in turn, or `flat` about y."""
     joints = [
-        Joint(f"hinge{k}", "revolute", f"link{k - 1}", f"link{k}", at(z=length), Y if k % 2 else X, -1.2, 1.2, (k - 1,))
+        Joint(
+            f"hinge{k}",
+            "revolute",
+            f"link{k - 1}",
+            f"link{k}",
+            at(z=length),
+            Y if flat or k % 2 else X,
+            -limit,
+            limit,
+            (k - 1,),
+        )
         for k in range(1, count)
     ]
     bar = block([0.06, 0.05, length], at(z=length / 2))

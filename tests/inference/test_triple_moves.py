@@ -64,13 +64,7 @@ def test_a_joint_without_room_for_half_a_turn_is_said_to_have_none() -> None:
 
 
 def row_of_bars(limit: float = 2.0) -> ArticulatedObject:
-    """Five bars, hinged about y at the far end of the one before."""
-    joints = [
-        Joint(f"hinge{k}", "revolute", f"link{k - 1}", f"link{k}", worlds.at(z=0.2), worlds.Y, -limit, limit, (k - 1,))
-        for k in range(1, 5)
-    ]
-    bar = worlds.block([0.06, 0.05, 0.2], worlds.at(z=0.1))
-    return worlds.articulated(joints, {f"link{k}": bar for k in range(5)})
+    return worlds.hinged_chain(5, limit=limit, flat=True)
 
 
 def test_an_elbow_bent_the_other_way_leaves_what_is_behind_it(rng: np.random.Generator) -> None:

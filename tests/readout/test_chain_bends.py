@@ -13,7 +13,7 @@ from pmpnbp.inference import mrf as fields
 from pmpnbp.inference import problem as problems
 from pmpnbp.readout.chain_bends import JOINTS, Bend, bends, bent, bent_otherwise, spread_along
 from pmpnbp.readout.object_posterior import log_posterior, misfit, mode_draws
-from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
+from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.prior import GaussianPrior
 from tests.inference import small_worlds as worlds
 
@@ -23,17 +23,7 @@ ROOT = worlds.at(0.4, -0.1, 0.3, 0.2, -0.4, 1.0)
 JOINTS_AT = np.array([0.3, -0.5, 0.4, 0.3, -0.6])
 
 
-def flat_chain(count: int = COUNT) -> ArticulatedObject:
-    """`count` bars along z, all hinged about y."""
-    joints = [
-        Joint(f"hinge{k}", "revolute", f"link{k - 1}", f"link{k}", worlds.at(z=LENGTH), worlds.Y, -1.2, 1.2, (k - 1,))
-        for k in range(1, count)
-    ]
-    bar = worlds.block([0.05, 0.04, LENGTH], worlds.at(z=LENGTH / 2))
-    return worlds.articulated(joints, {f"link{k}": bar for k in range(count)})
-
-
-MODEL = flat_chain()
+MODEL = worlds.hinged_chain(COUNT, LENGTH, flat=True)
 MRF = fields.build(MODEL)
 
 
@@ -61,10 +51,16 @@ def test_the_links_between_move_and_those_before_and_behind_stay(length: float) 
 
 
 def test_what_has_no_four_joints_in_a_row_about_parallel_axes_has_none() -> None:
-    followed = flat_chain(JOINTS + 1)
+    followed = worlds.hinged_chain(JOINTS + 1, flat=True)
     mimic = replace(followed.edges[3], coordinates=followed.edges[0].coordinates)
     followed = replace(followed, edges=(*followed.edges[:3], mimic))
-    for model in (worlds.star(5), worlds.cupboard(), flat_chain(JOINTS), worlds.hinged_chain(COUNT), followed):
+    for model in (
+        worlds.star(5),
+        worlds.cupboard(),
+        worlds.hinged_chain(JOINTS, flat=True),
+        worlds.hinged_chain(COUNT),
+        followed,
+    ):
         joints = np.clip(0.2 + 0.1 * np.arange(model.dof), model.lower, model.upper)
         assert bends(fields.build(model), ROOT, joints) == []
 
@@ -96,11 +92,13 @@ def test_draws_go_as_far_along_a_motion_as_the_density_does() -> None:
         """Wide along the first motion; the second moves the last joint, which is known."""
         return -0.5 * (along(bend, joints) / std) ** 2 - 0.5 * ((joints[:, 4] - JOINTS_AT[4]) / 1e-5) ** 2
 
-    found = bent_otherwise(rng, MRF, (ROOT, JOINTS_AT), covariance, draws, density)
+    found = bent_otherwise(rng, MRF, bends(MRF, ROOT, JOINTS_AT), (ROOT, JOINTS_AT), covariance, draws, density)
     assert along(bend, found).std() == pytest.approx(std, rel=0.1)
     np.testing.assert_allclose(found[:, 4], JOINTS_AT[4], atol=1e-3)
     # what is as wide already stays, bit for bit
-    wide = bent_otherwise(rng, MRF, (ROOT, JOINTS_AT), np.eye(6 + MODEL.dof), draws, density)
+    wide = bent_otherwise(
+        rng, MRF, bends(MRF, ROOT, JOINTS_AT), (ROOT, JOINTS_AT), np.eye(6 + MODEL.dof), draws, density
+    )
     np.testing.assert_array_equal(wide, draws[1])
 
 

@@ -23,7 +23,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import render, renders
-from pmpnbp.readout.image_grain import hidden_by_grain, outline_pixels, shape, sharpness
+from pmpnbp.readout.image_grain import hidden_by_grain, shape, told_of_parts
 from pmpnbp.readout.object_posterior import confidence
 from pmpnbp.scene.observation import SUPPORT
 from pmpnbp.scene.sizes import resized
@@ -47,14 +47,12 @@ class ExpectedScan:
     problem : its noise and nuisances are those of the scan alone, whose one view they are of
     camera : that it is rendered with; share : of the working images' pixels one of the camera's is so many
     hidden : (h w,) metres from which on nothing is seen: 0 everywhere for a camera behind a support plane
-    footprint : metres at the object that a pixel of its working image is wide
     """
 
     problem: Problem
     camera: Camera
     hidden: NDArray[np.float32]
     share: float
-    footprint: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,13 +96,7 @@ def expected_scan(problem: Problem, camera: Camera, target: Array, blocking: Arr
     planes = problem.observation.planes
     beyond = np.any(planes[:, :3] @ np.asarray(camera.pose_world_camera)[:3] + planes[:, 3] < 0)
     hidden = np.zeros(camera.width * camera.height, dtype=np.float32) if beyond else _blocked(camera, blocking)
-    return ExpectedScan(
-        problem=given,
-        camera=camera,
-        hidden=hidden,
-        share=(first.camera.fx / camera.fx) ** 2,
-        footprint=distance / first.camera.fx,
-    )
+    return ExpectedScan(problem=given, camera=camera, hidden=hidden, share=(first.camera.fx / camera.fx) ** 2)
 
 
 def told_apart(scan: ExpectedScan, parts: Array) -> Array:
@@ -151,15 +143,14 @@ def information(scan: ExpectedScan, probed: Probed) -> Array:
 def hidden(scan: ExpectedScan, probed: Probed) -> Array:
     """(T, P, P): of the T configurations the covariance by which the scan's image would hide the coordinates by its
     grain, whatever its pixels tell."""
-    seen, far = _seen(scan, probed.parts[:, 0], np.zeros(len(scan.problem.nuisance_std))), scan.hidden
-    count = []
-    for parts in seen:
-        depth, number = render(scan.camera, scan.problem.surfaces, parts)
-        shown = (depth > 0) & (depth <= far.reshape(depth.shape))
-        count.append(outline_pixels(depth, number, shown, scan.problem.tolerance_end, len(parts)))
-    # an outline has as many of the working image's pixels as it is long
-    sharp = sharpness(np.array(count) * np.sqrt(scan.share), scan.footprint, shape(scan.problem))
-    return hidden_by_grain(scan.problem.mrf, probed.parts, probed.steps, sharp)
+    problem, here, finer = scan.problem, probed.parts[:, 0], float(np.sqrt(scan.share))
+    told = []
+    for parts, maps in zip(here, _seen(scan, here, np.zeros(len(problem.nuisance_std))), strict=True):
+        depth, number = render(scan.camera, problem.surfaces, maps)
+        shown = (depth > 0) & (depth <= scan.hidden.reshape(depth.shape))
+        middles, noise = poses.transform_points(parts, problem.mrf.centres), float(problem.noise[0])
+        told.append(told_of_parts(scan.camera, depth, number, shown, middles, problem.tolerance_end, noise, finer))
+    return hidden_by_grain(problem.mrf, probed.parts, probed.steps, np.array(told), shape(problem))
 
 
 def _sized(scan: ExpectedScan, probed: Probed, offsets: Array) -> Array:

@@ -1,5 +1,5 @@
-"""How far does an image's grain hide where an object is? Outlines are told by whole pixels, and each is off by some of
-one; a part is known as well as its outline's pixels say together.
+"""How far does an image's grain hide where an object is? A part's outline is told by whole pixels, and its surface by
+depths that err together; each of them tells how far the part is off in one direction, and no more.
 
 Parts are off each on their own. Of a chain's links each is where it is seen, to a millimetre, whatever the joints
 before it are; so neighbouring joints are off in opposite senses, and its end is known as well as its beginning.
@@ -12,36 +12,45 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pmpnbp.geometry import poses
+from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import renders
 
-# Pixels by which one of an outline is off, the standard deviation: of a place within a pixel it is 0.29, and the sensor
-# mixes depths at edges. All of a part's outline is off by WHOLE besides, however long it is, and all of an object's
-# outlines are too far in or out by INWARD, which a free depth scale is taken in by. Set on seeds up to 69 of
-# `benchmarks.belief`, docs/algorithm.md.
-EDGE, WHOLE, INWARD = 0.32, 0.018, 0.06
-# Where sizes are free, a part may be off by so much of what they may be: sizes along three axes are not all that may be
-# wrong of a model.
-SHAPE = 0.17
+# Pixels by which one of an outline is off across it, and one of a surface along the line of sight, as wide as it is
+# there; the latter is off by so many of the depths' own deviations besides: neighbours err together, by steps of depth,
+# the mesh and what a pixel holds of another surface. All of an object's outlines are too far in or out by INWARD
+# pixels, which a free depth scale is taken in by. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
+EDGE, FACE, NOISY, INWARD = 0.48, 0.31, 1.1, 0.06
+# A part as a whole is off by so much of its radius, however many pixels tell of it, and where sizes are free by so much
+# more of what they may be: sizes along three axes are not all that may be wrong of a model.
+WHOLE, SHAPE = 0.0004, 0.04
 # Beside an outline is what lies behind it by more than so many tolerances: up to that, what is seen there may confirm
 # either. A surface that falls away so steeply counts, too: without it coverage is the same, and next views are chosen
 # less well.
 JUMP = 2.0
+# An outline with what lies behind it on both sides of a pixel has no direction there.
+ONE_SIDED = 0.3
+# Cosine of the slant, between a ray and a surface's normal, from which on a depth tells of a surface at all.
+GRAZING = 0.17
 # Metres or radians by which a coordinate is moved to see how far it moves parts.
 LITTLE = 1e-4
-# Metres: what outlines leave more open than this they do not tell at all, and the depths alone say where it is.
+# Metres: what an image leaves more open than this it does not tell at all, and the posterior's draws alone say where it
+# is.
 UNTOLD = 0.02
+# Rows and columns of pixels.
+Pixels = tuple[NDArray[np.int64], NDArray[np.int64]]
+NEIGHBOURS = np.array([(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1) if row or column])
 
 
 def grain(problem: Problem, root: Array, joints: Array) -> Array:
     """(6 + D, 6 + D) covariance of a configuration's coordinates, by which it is hidden: root (7,), the translation and
-    rotation vector about its centre, metres and radians, and joints (D,). Zero in what no outline tells."""
+    rotation vector about its centre, metres and radians, and joints (D,). Zero in what no image tells."""
     mrf = problem.mrf
     here = mrf.part_poses(root, joints)
-    sharp, astray, away = np.zeros(mrf.nodes), shape(problem), np.zeros((3, 3))
+    told, away = np.zeros((mrf.nodes, 6, 6)), np.zeros((3, 3))
     scale_stds, _, _ = nuisances.split(problem.nuisance_std, len(problem.observation.views))
     middles = poses.transform_points(here, mrf.centres)
     reach = float((np.linalg.norm(middles - middles.mean(axis=0), axis=1) + mrf.radii).max())
@@ -51,16 +60,17 @@ def grain(problem: Problem, root: Array, joints: Array) -> Array:
         if view.distance <= 0:
             continue
         near = (depth > 0) & (view.depth > 0) & (np.abs(view.depth - depth) < problem.tolerance_end)
-        footprint = view.distance / view.camera.fx
-        sharp += sharpness(outline_pixels(depth, number, near, problem.tolerance_end, mrf.nodes), footprint, astray)
+        noise = float(problem.noise[place])
+        told += told_of_parts(view.camera, depth, number, near, middles, problem.tolerance_end, noise)
         # what seems smaller by its outlines seems farther off
         gap = middles.mean(axis=0) - np.asarray(view.camera.pose_world_camera)[:3]
+        footprint = view.distance / view.camera.fx
         away += np.outer(gap, gap) * min(INWARD * footprint / reach, scale_stds[place]) ** 2
     size = 6 + len(joints)
     moves = LITTLE * np.concatenate([np.zeros((1, size)), np.eye(size)])
     # a joint at its limit is moved beyond it: this is geometry alone
     parts = mrf.part_poses(poses.perturb(root, moves[:, :3], moves[:, 3:6], mrf.centres[0]), joints + moves[:, 6:])
-    (found,) = hidden_by_grain(mrf, parts[None], np.full((1, size), LITTLE), sharp[None])
+    (found,) = hidden_by_grain(mrf, parts[None], np.full((1, size), LITTLE), told[None], shape(problem))
     found[:3, :3] += away / max(len(problem.observation.views), 1) ** 2
     return found
 
@@ -70,40 +80,121 @@ def shape(problem: Problem) -> Array:
     return SHAPE * float(problem.nuisance_std[-3:].max()) * problem.mrf.radii
 
 
-def sharpness(count: Array, footprint: float, astray: Array) -> Array:
-    """(..., N), 1 / metres squared: what outlines of `count` (..., N) pixels, each `footprint` metres wide, tell of
-    parts that are `astray` (N,) metres besides."""
-    variance = (EDGE**2 / np.maximum(count, 1.0) + WHOLE**2) * footprint**2 + astray**2
-    return np.where(count > 0, 1 / variance, 0.0)
-
-
-def outline_pixels(
-    depth: NDArray[np.float32], number: NDArray[np.int16], shown: NDArray[np.bool_], tolerance: float, nodes: int
+def told_of_parts(
+    camera: Camera,
+    depth: NDArray[np.float32],
+    number: NDArray[np.int16],
+    shown: NDArray[np.bool_],
+    middles: Array,
+    tolerance: float,
+    noise: float,
+    finer: float = 1.0,
 ) -> Array:
-    """(N,) of each part, the pixels of its outline that are `shown` (h, w), in a render's depth and part number (h, w):
-    beside which nothing is, or something farther off. tolerance : metres"""
+    """(N, 6, 6) Fisher information of parts' translations, metres, and rotation vectors about their `middles` (N, 3) in
+    world: what those pixels of a render tell that are `shown` (h, w).
+
+    depth, number : (h, w) of the render, metres and parts; tolerance, noise : metres
+    finer : the pixels of the image that is scored are so many times narrower than the camera's
+    """
+    (row, column), across = outlines(depth, shown, tolerance)
+    x, y = (column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy
+    aside = np.stack([across[:, 0], across[:, 1], -(across[:, 0] * x + across[:, 1] * y)], axis=1)
+    # of a pixel of outline the image that is scored has `finer`, of a surface's as many squared
+    off = EDGE * depth[row, column, None] / camera.fx / finer
+    found = _gathered(camera, depth, number, (row, column), np.sqrt(finer) * aside / off, middles)
+    (row, column), normals = facing(camera, depth, number, shown)
+    z = depth[row, column, None].astype(np.float64)
+    off = np.hypot(FACE * z / camera.fx / finer, NOISY * noise)
+    return found + _gathered(camera, depth, number, (row, column), finer * z * normals / off, middles)
+
+
+def outlines(depth: NDArray[np.float32], shown: NDArray[np.bool_], tolerance: float) -> tuple[Pixels, Array]:
+    """Pixels (P,) of outlines in a render's depth (h, w), among those that are `shown` (h, w): beside which nothing is,
+    or something farther off, and on one side only; directions (P, 2) to there, columns and rows, of length 1."""
     beyond = np.where(depth > 0, depth, np.inf)
     beside = ndimage.maximum_filter(beyond, size=3, mode="nearest")
-    return np.bincount(number[shown & (beside > beyond + JUMP * tolerance)], minlength=nodes).astype(np.float64)
+    row, column = np.nonzero(shown & (beside > beyond + JUMP * tolerance))
+    last = np.array(depth.shape) - 1
+    around = np.clip(np.stack([row, column], axis=1)[:, None] + NEIGHBOURS, 0, last)
+    farther = beyond[around[..., 0], around[..., 1]] > (beyond[row, column] + JUMP * tolerance)[:, None]
+    across = farther @ (NEIGHBOURS[:, ::-1] / np.linalg.norm(NEIGHBOURS, axis=1)[:, None])
+    length = np.linalg.norm(across, axis=1)
+    kept = length > ONE_SIDED
+    return (row[kept], column[kept]), across[kept] / length[kept, None]
 
 
-def hidden_by_grain(mrf: Mrf, parts: Array, steps: Array, sharp: Array) -> Array:
+def facing(
+    camera: Camera, depth: NDArray[np.float32], number: NDArray[np.int16], shown: NDArray[np.bool_]
+) -> tuple[Pixels, Array]:
+    """Pixels (P,) that are `shown` (h, w) and face the camera, of a render's depth and part number (h, w), and normals
+    (P, 3) of their surfaces in its frame, 1 / metres: with points on them their product is 1."""
+    inverse = np.divide(1.0, depth, out=np.zeros(depth.shape), where=depth > 0)
+    row, column = np.nonzero(shown)
+    x, y = (column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy
+    right, down = (_slope(inverse, number, axis)[row, column] for axis in (1, 0))
+    normal = np.stack([right * camera.fx, down * camera.fy, np.zeros(len(row))], axis=1)
+    normal[:, 2] = inverse[row, column] - normal[:, 0] * x - normal[:, 1] * y
+    far = depth[row, column] * np.sqrt(1 + x**2 + y**2)
+    kept = np.linalg.norm(normal, axis=1) * far * GRAZING < 1
+    return (row[kept], column[kept]), normal[kept]
+
+
+def _slope(inverse: Array, number: NDArray[np.int16], axis: int) -> Array:
+    """(h, w): by how much an inverse depth (h, w) grows from a pixel of a part to the next along an axis; of the
+    differences to both sides the smaller, nan where there is none."""
+    step = np.where(np.diff(number, axis=axis) == 0, np.diff(inverse, axis=axis), np.nan)
+    none = np.full_like(inverse, np.nan)
+    after, before = none.copy(), none
+    inner, outer = [slice(None)] * 2, [slice(None)] * 2
+    inner[axis], outer[axis] = slice(None, -1), slice(1, None)
+    after[tuple(inner)], before[tuple(outer)] = step, step
+    smaller = np.where(np.abs(after) < np.abs(before), after, before)
+    return np.where(np.isnan(before), after, smaller)
+
+
+def _gathered(
+    camera: Camera,
+    depth: NDArray[np.float32],
+    number: NDArray[np.int16],
+    pixels: Pixels,
+    directions: Array,
+    middles: Array,
+) -> Array:
+    """(N, 6, 6): what pixels tell of parts' translations and turns, each of how far its own is off in a direction
+    (P, 3) of the camera's frame, as long as a metre has of its deviations."""
+    row, column = pixels
+    pose, owner = np.asarray(camera.pose_world_camera, dtype=np.float64), number[row, column]
+    rays = np.stack([(column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy, np.ones(len(row))], axis=1)
+    arms = poses.transform_points(pose, rays * depth[row, column, None]) - middles[owner]
+    straight = poses.rotate(pose[3:], directions)
+    rows = np.concatenate([straight, np.cross(arms, straight)], axis=1)
+    order = np.argsort(owner, kind="stable")
+    ends = np.searchsorted(owner[order], np.arange(len(middles)), side="right")
+    parts = np.split(rows[order], ends)[: len(middles)]
+    return np.array([part.T @ part for part in parts])
+
+
+def hidden_by_grain(mrf: Mrf, parts: Array, steps: Array, told: Array, astray: Array) -> Array:
     """(T, P, P) covariances of P coordinates: of the fit, by least squares, of the object to parts that are each off on
-    their own, as much by their turns as in their middles.
+    their own.
 
     parts : (T, 1 + P, N, 7), as they are and with each coordinate moved by its step (T, P)
-    sharp : (T, N), what outlines tell of each part, 1 / metres squared
+    told : (T, N, 6, 6) of each part's translation and rotation vector about its middle, as from `told_of_parts`
+    astray : (N,) metres by which each part is off besides
     """
+    own = np.zeros((mrf.nodes, 6))
+    own[:, :3] = (astray**2 + (WHOLE * mrf.radii) ** 2)[:, None]
+    # of points along a line as far as the radius to both sides, turned, as much in the mean square
+    own[:, 3:] = 3 * own[:, :3] / np.maximum(mrf.radii[:, None], LITTLE) ** 2
+    told = np.asarray(np.linalg.solve(np.eye(6) + told * own[:, None, :], told), dtype=np.float64)
     shifts, turns = poses.perturbation(parts[:, :1], parts[:, 1:], mrf.centres)
-    # of points along a line as far as `radii` to both sides the distance from the middle is this, in the mean square
-    rims = mrf.radii[:, None] / np.sqrt(3) * turns
-    slopes = np.concatenate([shifts, rims], axis=-1) / steps[:, :, None, None]
-    levers = np.sqrt((slopes**2).sum(axis=-1).max(axis=-1))
+    slopes = np.concatenate([shifts, turns], axis=-1) / steps[:, :, None, None]
+    reaches = np.sqrt((shifts**2).sum(axis=-1) + ((mrf.radii[:, None] * turns) ** 2).sum(axis=-1)).max(axis=-1) / steps
     # what moves nothing, or only by rounding
-    levers = np.where(levers > 1e-6, levers, 1.0)
+    levers: Array = np.where(reaches > 1e-6, reaches, 1.0)
     slopes = slopes / levers[:, :, None, None]
-    told = np.einsum("tpna,tn,tqna->tpq", slopes, sharp, slopes, optimize=True)
-    values, axes = np.linalg.eigh(told)
+    seen = np.einsum("tpna,tnab,tqnb->tpq", slopes, told, slopes, optimize=True)
+    values, axes = np.linalg.eigh((seen + np.swapaxes(seen, 1, 2)) / 2)
     variances = np.where(values > UNTOLD**-2.0, 1 / np.maximum(values, UNTOLD**-2.0), 0.0)
     found = np.einsum("tpk,tk,tqk->tpq", axes, variances, axes)
     scaled: Array = found / (levers[:, :, None] * levers[:, None, :])

@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from pmpnbp.geometry import poses
+from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import mrf as fields
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference.problem import Problem
+from pmpnbp.potentials.unary import render
+from pmpnbp.readout import image_grain
 from pmpnbp.readout.image_grain import (
     EDGE,
+    FACE,
     JUMP,
+    NOISY,
     SHAPE,
     UNTOLD,
     WHOLE,
+    facing,
     grain,
     hidden_by_grain,
-    outline_pixels,
+    outlines,
     shape,
-    sharpness,
+    told_of_parts,
 )
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.prior import UniformPrior
@@ -30,6 +37,12 @@ from tests.inference import small_worlds as worlds
 
 STEP = 1e-5
 OBJECTS = {"cupboard": worlds.cupboard(), "chain": worlds.hinged_chain(6), "star": worlds.star(4)}
+
+
+def counted(depth: Array, number: Array, shown: Array, tolerance: float) -> list[int]:
+    """Outline pixels of parts 0 and 1."""
+    (row, column), _ = outlines(depth, shown, tolerance)
+    return np.bincount(number[row, column], minlength=2).tolist()
 
 
 def test_outline_pixels_are_those_beside_which_something_is_farther_off() -> None:
@@ -42,15 +55,110 @@ def test_outline_pixels_are_those_beside_which_something_is_farther_off() -> Non
     # part 0: its rim, 7 x 10, and the column at its step where part 1 is not; part 1: three sides of its right half
     rim, step, sides = 2 * 10 + 2 * 5, 2, 3 + 3 + 3 - 2
     # pixels touch at corners, too: of part 1's upper and lower side the one to the left of the step sees over it
-    np.testing.assert_array_equal(outline_pixels(depth, number, shown, 0.02, 2), [rim + step, sides + 2])
-    np.testing.assert_array_equal(outline_pixels(depth, number, shown, 0.11 / JUMP, 2), [rim, 0])
+    assert counted(depth, number, shown, 0.02) == [rim + step, sides + 2]
+    assert counted(depth, number, shown, 0.11 / JUMP) == [rim, 0]
     shown[:, 6:] = False
-    assert outline_pixels(depth, number, shown, 0.02, 2)[0] == 5 + 7 + 5 - 2 + step
+    assert counted(depth, number, shown, 0.02)[0] == 5 + 7 + 5 - 2 + step
+
+
+def test_outlines_point_to_what_is_farther_off() -> None:
+    depth = np.zeros((8, 9), dtype=np.float32)
+    depth[1:7, 1:8] = 1.0
+    (row, column), across = outlines(depth, depth > 0, 0.02)
+    found = {(int(r), int(c)): tuple(np.round(to, 6)) for r, c, to in zip(row, column, across, strict=True)}
+    assert found[3, 1] == (-1.0, 0.0) and found[3, 7] == (1.0, 0.0)
+    assert found[1, 4] == (0.0, -1.0) and found[6, 4] == (0.0, 1.0)
+    np.testing.assert_allclose(found[1, 1], [-(0.5**0.5), -(0.5**0.5)], atol=1e-6)
+    # a line one pixel wide has nothing beside it on either side
+    depth[1:3], depth[4:] = 0.0, 0.0
+    assert not set(zip(*outlines(depth, depth > 0, 0.02)[0], strict=True)) & {(3, column) for column in range(2, 7)}
 
 
 def test_an_outline_beyond_the_picture_tells_nothing() -> None:
-    depth, number = np.ones((4, 5), dtype=np.float32), np.zeros((4, 5), dtype=np.int16)
-    assert outline_pixels(depth, number, depth > 0, 0.01, 1)[0] == 0
+    depth = np.ones((4, 5), dtype=np.float32)
+    assert len(outlines(depth, depth > 0, 0.01)[1]) == 0
+
+
+def test_surfaces_that_face_the_camera_have_their_normals(rng: np.random.Generator) -> None:
+    """Of planes, whose points' products with the normal are 1; what is seen at less than ten degrees is left out, and a
+    pixel that is alone of its part."""
+    camera = Camera(20, 15, 30.0, 33.0, 9.0, 8.0)
+    plane = np.array([0.2, -0.3, 0.6])
+    depth = (1 / (camera.rays() @ plane)).astype(np.float32)
+    number = np.where(np.arange(20) < 11, 0, 1).astype(np.int16) * np.ones((15, 1), dtype=np.int16)
+    number[4, 5] = 2
+    (row, column), normals = facing(camera, depth, number, depth > 0)
+    assert len(row) == 15 * 20 - 1 and (4, 5) not in set(zip(row, column, strict=True))
+    np.testing.assert_allclose(normals, np.tile(plane, (len(row), 1)), atol=2e-4)
+    slanted = (1 / (camera.rays() @ np.array([20.0, 0.0, 8.0]))).astype(np.float32)
+    cosine = 1 / (np.linalg.norm([20.0, 8.0]) * slanted * np.linalg.norm(camera.rays(), axis=-1))
+    (row, column), _ = facing(camera, slanted, np.zeros_like(number), slanted > 0)
+    assert set(zip(row, column, strict=True)) == set(zip(*np.nonzero((slanted > 0) & (cosine > 0.17)), strict=True))
+
+
+def test_pixels_tell_how_far_their_part_is_off_in_their_own_direction() -> None:
+    """As written out pixel by pixel: of an outline by what a small motion moves it across, in pixels, and of a surface
+    by the change of its depth."""
+    made, root, joints = looked_at((0.0, 0.3, 0.7))
+    (view,), mrf = made.observation.views, made.mrf
+    here = mrf.part_poses(root, joints)
+    middles = poses.transform_points(here, mrf.centres)
+    depth, number = render(view.camera, made.surfaces, here)
+    shown = (depth > 0) & (np.indices(depth.shape).sum(axis=0) % 3 > 0)
+    expected = np.zeros((mrf.nodes, 6, 6))
+    pose, camera = np.asarray(view.camera.pose_world_camera), view.camera
+
+    def moved(point: Array, part: int, which: int) -> Array:
+        """A point of the camera's frame as it is there once the part has moved by a step."""
+        twist = np.zeros(6)
+        twist[which] = STEP
+        arm = poses.transform_points(pose, point) - middles[part]
+        turned = poses.rotate(poses.from_rotation_vector(twist[3:]), arm)
+        return poses.transform_points(poses.inverse(pose), middles[part] + turned + twist[:3])
+
+    def gather(pixels: tuple[Array, Array], change: Callable[[int, Array, Array], float], off: float) -> None:
+        for place, (row, column) in enumerate(zip(*pixels, strict=True)):
+            part, z = int(number[row, column]), float(depth[row, column])
+            point = z * camera.rays()[row, column].astype(np.float64)
+            slope = np.array([change(place, point, moved(point, part, which)) / STEP for which in range(6)])
+            expected[part] += np.outer(slope, slope) / (
+                off**2 if off else np.hypot(FACE * z / camera.fx, NOISY * 0.002) ** 2
+            )
+
+    edge, across = outlines(depth, shown, made.tolerance_end)
+    # by how many pixels, as wide as they are across the picture, along the outline's direction
+    gather(
+        edge,
+        lambda place, before, after: float((after[:2] / after[2] - before[:2] / before[2]) @ across[place] * camera.fx),
+        EDGE,
+    )
+    face, normals = facing(camera, depth, number, shown)
+    # a ray meets the plane n . p = 1 that has moved along with the point nearer or farther off by so much of its depth
+    gather(face, lambda place, before, after: float(normals[place] @ (after - before) * before[2]), 0.0)
+    found = told_of_parts(camera, depth, number, shown, middles, made.tolerance_end, 0.002)
+    scale = np.sqrt(np.maximum(np.einsum("nii->ni", expected), 1e-9))
+    np.testing.assert_allclose(
+        found / scale[:, :, None] / scale[:, None], expected / scale[:, :, None] / scale[:, None], atol=2e-3
+    )
+
+
+def test_a_coarser_render_tells_what_the_image_would() -> None:
+    """Of half as many pixels a side, each of which stands for four of the image's, two of its outline's."""
+    made, root, joints = looked_at((0.0, 0.3, 0.7))
+    (view,), mrf = made.observation.views, made.mrf
+    here = mrf.part_poses(root, joints)
+    middles = poses.transform_points(here, mrf.centres)
+    told = []
+    for camera, finer in (
+        (view.camera, 1.0),
+        (view.camera.binned(0, 0, 2, view.camera.width // 2, view.camera.height // 2), 2.0),
+    ):
+        depth, number = render(camera, made.surfaces, here)
+        told.append(told_of_parts(camera, depth, number, depth > 0, middles, made.tolerance_end, 0.002, finer))
+    ratio = np.divide(*(np.einsum("nii->ni", each) for each in told))
+    # boards' edges are a pixel or two wide, and have fewer of them in proportion
+    assert abs(np.median(ratio) - 1) < 0.1
+    assert ratio.min() > 0.5 and ratio.max() < 2
 
 
 def moved_parts(model: ArticulatedObject, root: Array, joints: Array) -> tuple[Array, Array]:
@@ -64,38 +172,46 @@ def moved_parts(model: ArticulatedObject, root: Array, joints: Array) -> tuple[A
     return np.array(found)[None], np.full((1, len(found) - 1), STEP)
 
 
+def some_told(rng: np.random.Generator, nodes: int) -> Array:
+    """(N, 6, 6) as of a few dozen pixels each."""
+    rows = rng.standard_normal((nodes, 40, 6)) * [1, 1, 1, 0.1, 0.1, 0.1] * rng.uniform(300, 3000, (nodes, 1, 1))
+    return np.einsum("nri,nrj->nij", rows, rows)
+
+
 @pytest.mark.parametrize("name", OBJECTS)
 def test_it_is_the_covariance_of_a_fit_to_parts_that_are_off(name: str, rng: np.random.Generator) -> None:
     model = OBJECTS[name]
-    mrf, sharp = fields.build(model), rng.uniform(1e5, 1e8, len(model.parts))
+    mrf = fields.build(model)
+    told, astray = some_told(rng, mrf.nodes), rng.uniform(0.0, 1e-3, mrf.nodes)
     root = worlds.at(0.3, -0.2, 0.1, *rng.uniform(-1, 1, 3))
     parts, steps = moved_parts(model, root, rng.uniform(model.lower, model.upper))
-    rows = []
-    for node, (radius, told) in enumerate(zip(mrf.radii, sharp, strict=True)):
+    designs, weights = [], []
+    for node, (radius, own) in enumerate(zip(mrf.radii, astray, strict=True)):
         here = parts[0, 0, node]
         columns = []
         for there in parts[0, 1:, node]:
             middle = poses.transform_points(there, mrf.centres[node]) - poses.transform_points(here, mrf.centres[node])
             turn = poses.quaternion_multiply(there[3:], poses.quaternion_conjugate(here[3:]))
-            rim = radius / np.sqrt(3) * poses.to_rotation_vector(turn)
-            columns.append(np.sqrt(told) * np.concatenate([middle, rim]) / STEP)
-        rows.append(np.array(columns).T)
-    design = np.concatenate(rows)
-    pseudo = np.linalg.pinv(design)  # the fit is this times parts' errors, in units of their deviations
-    (found,) = hidden_by_grain(mrf, parts, steps, sharp[None])
-    scale = np.sqrt(np.diag(pseudo @ pseudo.T))
-    np.testing.assert_allclose(found / np.outer(scale, scale), pseudo @ pseudo.T / np.outer(scale, scale), atol=1e-5)
-    # the others' outlines tell of a part, too: none is hidden by more than its own outline alone would
-    for node, told in enumerate(sharp):
-        own = rows[node] / np.sqrt(told)
-        assert np.diag(own @ found @ own.T).max() <= (1 + 1e-5) / told
+            columns.append(np.concatenate([middle, poses.to_rotation_vector(turn)]) / STEP)
+        designs.append(np.array(columns).T)
+        besides = (own**2 + (WHOLE * radius) ** 2) * np.array([1.0, 1.0, 1.0, *[3 / radius**2] * 3])
+        weights.append(np.linalg.inv(np.linalg.inv(told[node]) + np.diag(besides)))
+    (found,) = hidden_by_grain(mrf, parts, steps, told[None], astray)
+    expected = np.linalg.inv(sum(d.T @ w @ d for d, w in zip(designs, weights, strict=True)))
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-4)
+    # the others tell of a part, too: none is hidden by more than it would be alone
+    for design, weight in zip(designs, weights, strict=True):
+        left = np.linalg.eigvalsh(np.linalg.inv(weight) - design @ found @ design.T)
+        assert left.min() > -1e-4 * np.trace(np.linalg.inv(weight))
 
 
 def test_the_end_of_a_chain_is_known_as_well_as_its_beginning() -> None:
     model = OBJECTS["chain"]
     mrf, nodes = fields.build(model), len(model.parts)
     parts, steps = moved_parts(model, worlds.at(), np.full(model.dof, 0.2))
-    (found,) = hidden_by_grain(mrf, parts, steps, np.full((1, nodes), 1e6))
+    told = np.tile(np.diag([1e6] * 3 + [1e6 * mrf.radii[0] ** 2 / 3] * 3), (1, nodes, 1, 1))
+    (found,) = hidden_by_grain(mrf, parts, steps, told, np.zeros(nodes))
     slopes = (
         poses.transform_points(parts[0, 1:], mrf.centres) - poses.transform_points(parts[0, 0], mrf.centres)
     ) / STEP
@@ -104,6 +220,20 @@ def test_the_end_of_a_chain_is_known_as_well_as_its_beginning() -> None:
     # as joints that were each off on their own would not leave it
     alone = np.sqrt(np.einsum("pna,p,pna->n", slopes, np.diag(found), slopes))
     assert alone[-1] / alone[0] > 3
+
+
+def test_many_pixels_tell_more_but_not_without_end(rng: np.random.Generator) -> None:
+    """A block alone, of which no end of pixels tells, is off by a share of its radius and what it is off besides."""
+    model = worlds.articulated([], {"link0": worlds.block([0.3, 0.2, 0.1])})
+    mrf = fields.build(model)
+    parts, steps = moved_parts(model, worlds.at(), np.zeros(0))
+    told, astray = some_told(rng, 1), np.array([0.002])
+    stds = [
+        np.sqrt(np.diag(hidden_by_grain(mrf, parts, steps, share * told[None], astray)[0])[:3])
+        for share in (1.0, 4.0, 1e9)
+    ]
+    assert np.all(stds[0] > stds[1]) and np.all(stds[1] > stds[2])
+    np.testing.assert_allclose(stds[2], np.hypot(0.002, WHOLE * mrf.radii[0]), rtol=1e-3)
 
 
 def looked_at(eye: tuple[float, float, float], **settings: float) -> tuple[Problem, Array, Array]:
@@ -124,18 +254,20 @@ def test_what_no_outline_tells_has_no_grain() -> None:
     assert 1e-4 < np.sqrt(grain(from_front, root, joints)[6, 6]) < 2e-3
 
 
-def test_two_views_have_their_own_grain_each() -> None:
+def test_two_views_have_their_own_grain_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the model has wrong is the same in both."""
     made, root, joints = looked_at((0.0, 0.0, 0.7))
     (view,) = made.observation.views
-    twice = replace(made, observation=replace(made.observation, views=(view, view)), nuisance_std=np.zeros(17))
+    twice = replace(
+        made,
+        observation=replace(made.observation, views=(view, view)),
+        nuisance_std=np.zeros(17),
+        noise=np.tile(made.noise, 2),
+    )
+    one, both = (np.diag(grain(each, root, joints)) for each in (made, twice))
+    assert np.all(both < one) and np.all(both > one / 2)
+    monkeypatch.setattr(image_grain, "WHOLE", 0.0)
     np.testing.assert_allclose(grain(twice, root, joints), grain(made, root, joints) / 2, rtol=1e-6, atol=1e-15)
-
-
-def test_a_long_outline_tells_more_but_not_without_end() -> None:
-    told = sharpness(np.array([0.0, 1.0, 4.0, 1e9]), 0.005, np.zeros(4))
-    np.testing.assert_allclose(told[1:] ** -0.5, 0.005 * np.hypot([EDGE, EDGE / 2, 0.0], WHOLE), rtol=1e-6)
-    assert told[0] == 0.0
-    np.testing.assert_allclose(sharpness(np.full(1, 1e9), 0.0, np.full(1, 0.002)) ** -0.5, 0.002)
 
 
 def test_a_free_depth_scale_lets_the_object_be_nearer_or_farther() -> None:

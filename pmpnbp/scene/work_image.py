@@ -84,9 +84,10 @@ def block_depths(depth: NDArray[np.float32], block: NDArray[np.integer], blocks:
     """(blocks,) metres: of depths (P,), the mean of those in a block that are of one surface with their median, where
     at least half of its pixels were measured, of which there are half of `size` at least; else 0.
 
-    block : (P,) that each pixel is in. Of two in the middle the lower is the median: an average of both would put
-    points where nothing is, between an object's edge and what is behind it. The median alone would have steps where the
-    sensor's depths have: noise that is wider than a step tells, in the mean, what lies between.
+    block : (P,) that each pixel is in. Of two in the middle the median is their mean where they are of one surface;
+    else it would put points where nothing is, between an object's edge and what is behind it, and is the lower in every
+    second block: always the lower would make all things larger by a part of a pixel. The median alone would have steps
+    where the sensor's depths have: noise that is wider than a step tells, in the mean, what lies between.
     """
     measured = depth > 0
     block, pixels = block[measured], np.bincount(block, minlength=blocks)
@@ -98,7 +99,10 @@ def block_depths(depth: NDArray[np.float32], block: NDArray[np.integer], blocks:
     keys.sort()
     ordered = (keys & np.uint64(0xFFFFFFFF)).astype(np.uint32).view(np.float32)
     count = np.bincount(block, minlength=blocks)
-    middle = ordered[np.minimum(np.cumsum(count) - count + np.maximum(count - 1, 0) // 2, len(ordered) - 1)]
+    first, last = np.cumsum(count) - count, len(ordered) - 1
+    lower, upper = (ordered[np.minimum(first + half, last)] for half in (np.maximum(count - 1, 0) // 2, count // 2))
+    one_of_both = np.where(np.arange(blocks) % 2 == 0, lower, upper)
+    middle = np.where(upper - lower < ONE_SURFACE * lower, (lower + upper) / 2, one_of_both)
     gap = own - middle[block]
     near = np.abs(gap) < ONE_SURFACE * middle[block]
     beside = np.bincount(block[near], gap[near], minlength=blocks) / np.maximum(

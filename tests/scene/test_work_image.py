@@ -29,8 +29,8 @@ def plane_depth(camera: Camera) -> np.ndarray:
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 30), st.integers(1, 400), st.sampled_from([0.1, 0.5, 0.9]))
 def test_a_block_has_the_mean_of_what_is_about_its_median(seed: int, blocks: int, pixels: int, holes: float) -> None:
-    """The lower of two in the middle; nothing where less than half of the pixels were measured, or half of a whole
-    block's are in the picture."""
+    """Of two in the middle their mean, or if they are not of one surface the lower in every second block; nothing where
+    less than half of the pixels were measured, or half of a whole block's are in the picture."""
     rng = np.random.default_rng(seed)
     depth = rng.uniform(1.0, 1.0 + rng.choice([0.01, 2.0]), pixels).astype(np.float32)
     depth[rng.random(pixels) < holes] = 0.0
@@ -42,7 +42,9 @@ def test_a_block_has_the_mean_of_what_is_about_its_median(seed: int, blocks: int
         if len(measured) == 0 or 2 * len(measured) < len(own) or 2 * len(own) < size:
             assert found[number] == 0.0
             continue
-        middle = measured[(len(measured) - 1) // 2]
+        lower, upper = measured[(len(measured) - 1) // 2], measured[len(measured) // 2]
+        one_surface = upper - lower < ONE_SURFACE * lower
+        middle = (lower + upper) / 2 if one_surface else (lower, upper)[number % 2]
         near = measured[np.abs(measured - middle) < ONE_SURFACE * middle].astype(np.float64)
         assert found[number] == pytest.approx(near.mean(), rel=1e-6)
 
@@ -57,6 +59,15 @@ def test_a_noisy_surface_is_where_it_is(step: float) -> None:
     found = block_depths(depth.astype(np.float32), np.arange(64_000) // 16, 4_000, 16)
     assert abs(found.mean() - 2.003) < 3e-4
     assert found.std() < 0.003
+
+
+def test_an_edge_is_where_it_is_however_many_pixels_a_block_has() -> None:
+    """Of blocks of 16 pixels each 0 to 16 are of the nearer surface, and so are half of the blocks: of those in which
+    both have eight, every second one."""
+    nearer = np.tile(np.arange(17), 2)[:, None] > np.arange(16)
+    depth = np.where(nearer, 1.0, 2.0).astype(np.float32).ravel()
+    found = block_depths(depth, np.repeat(np.arange(34), 16), 34, 16)
+    assert np.mean(found == 1.0) == 0.5 and np.mean(found == 2.0) == 0.5
 
 
 def test_an_edge_is_never_averaged() -> None:

@@ -23,10 +23,10 @@ from pmpnbp.potentials.unary import renders
 # there; the latter is off by so many of the depths' own deviations besides: neighbours err together, by steps of depth,
 # the mesh and what a pixel holds of another surface. All of an object's outlines are too far in or out by INWARD
 # pixels, which a free depth scale is taken in by. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
-EDGE, FACE, NOISY, INWARD = 0.48, 0.31, 1.1, 0.075
+EDGE, FACE, NOISY, INWARD = 0.5, 0.3, 1.25, 0.065
 # A part as a whole is off by so much of its radius, however many pixels tell of it, and where sizes are free by so much
 # more of what they may be: sizes along three axes are not all that may be wrong of a model.
-WHOLE, SHAPE = 0.0004, 0.04
+WHOLE, SHAPE = 0.0003, 0.04
 # Beside an outline is what lies behind it by more than so many tolerances: up to that, what is seen there may confirm
 # either. A surface that falls away so steeply counts, too: without it coverage is the same, and next views are chosen
 # less well.

@@ -49,7 +49,7 @@ STRIDE, HOPELESS = 4, 250.0
 HALF_SURE = 0.5
 # Share of its score by which a place may be worth more or less than another for no good reason: on even seeds rivals
 # in sight are worse than right estimates by 4 % and more, and those that are taken for each other within 2 %.
-MISFIT = 0.007
+MISFIT = 0.005
 # A joint is drawn over its range where so much of its weight lies so many standard deviations from the mode.
 ELSEWHERE, FAR = 0.02, 4.0
 # Metres and radians: how far a parameter that the scan does not hold is started from.

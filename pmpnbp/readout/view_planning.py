@@ -156,9 +156,10 @@ def _diagonal(covariances: Array) -> Array:
 
 
 def _fall(before: Array, after: Array, least: float) -> float:
-    """Nats by which the entropy of A links' positions falls, in the mean over I, from covariances (I, 2 A, 3, 3) of
-    `_places`, of which a link's one counts that falls more; along each axis down to a deviation of `least` metres."""
-    known, left = (np.maximum(np.linalg.eigvalsh(each), least**2) for each in (before, after))
+    """Nats by which the entropies of A links' x, y and z fall, in the mean over I, from covariances (I, 2 A, 3, 3) of
+    `_places`, of which a link's one counts that falls more; each down to a deviation of `least` metres. Not along the
+    covariances' own axes: a link is certain by its deviations along the world's."""
+    known, left = (np.maximum(np.diagonal(each, axis1=2, axis2=3), least**2) for each in (before, after))
     fall = np.maximum(0.5 * np.log(known / left).sum(axis=-1), 0.0)
     return float(fall.reshape(len(fall), 2, -1).max(axis=1).sum(axis=1).mean())
 

@@ -19,10 +19,10 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import renders
 
-# Pixels by which one of an outline is off across it, and one of a surface along the line of sight, as wide as it is
-# there; the latter is off by so many of the depths' own deviations besides: neighbours err together, by steps of depth,
-# the mesh and what a pixel holds of another surface. All of an object's outlines are too far in or out by INWARD
-# pixels, which a free depth scale is taken in by. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
+# Standard deviations: an outline's pixel is off across it by EDGE pixels; a surface's depth by FACE of what a pixel
+# measures there and by NOISY of the depths' own deviations, as neighbours err together, by steps of depth, the mesh and
+# what a pixel holds of another surface. All of an object's outlines are too far in or out by INWARD pixels, which a
+# free depth scale is taken in by. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
 EDGE, FACE, NOISY, INWARD = 0.5, 0.3, 1.25, 0.065
 # A part as a whole is off by so much of its radius, however many pixels tell of it, and where sizes are free by so much
 # more of what they may be: sizes along three axes are not all that may be wrong of a model.

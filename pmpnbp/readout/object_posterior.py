@@ -48,7 +48,8 @@ STRIDE, HOPELESS = 4, 250.0
 # quite where they are taken to be, and the score is rough, by some nats. Where few draws count so are their weights.
 HALF_SURE = 0.5
 # Share of its score by which a place may be worth more or less than another for no good reason: on even seeds rivals
-# in sight are worse than right estimates by 4 % and more, and those that are taken for each other within 2 %.
+# in sight are worse than right estimates by 4 % and more, and those that are taken for each other within 2 %. Of 0.007,
+# 0.005 and 0.0035 the second had as many certain parts right as the first, and the third fewer.
 MISFIT = 0.005
 # A joint is drawn over its range where so much of its weight lies so many standard deviations from the mode.
 ELSEWHERE, FAR = 0.02, 4.0

@@ -108,12 +108,16 @@ def _place(view: Any) -> dict[str, Any]:
         pose, cost = view.pose, view.cost
     elif isinstance(view, tuple | list) and len(view) == 2:
         pose, cost = view
-    numbers = np.array(pose, dtype=np.float64)
+    wanted = "expected a pose (7,), or a pair of pose and cost"
+    try:
+        numbers, weight = np.array(pose, dtype=np.float64), float(cost)
+    except (TypeError, ValueError) as error:
+        raise PmpnbpError(f"a view is {view!r}; {wanted}, all of them numbers") from error
     if numbers.shape != (7,):
-        raise PmpnbpError(f"a view has the shape {numbers.shape}; expected a pose (7,), or a pair of pose and cost")
+        raise PmpnbpError(f"a view has the shape {numbers.shape}; {wanted}")
     x, y, z, qw, qx, qy, qz = numbers.tolist()
     place, turn = {"x": x, "y": y, "z": z}, {"x": qx, "y": qy, "z": qz, "w": qw}
-    return {"pose": {"position": place, "orientation": turn}, "cost": float(cost)}
+    return {"pose": {"position": place, "orientation": turn}, "cost": weight}
 
 
 def _view(entry: Mapping[str, Any]) -> View:

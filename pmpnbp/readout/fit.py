@@ -58,7 +58,8 @@ def assess(seen: Confirmation) -> Fit:
     """The fit of a place, by what the views say of it."""
     verdict, reason = _judged(seen)
     if verdict == "good" and seen.denied:
-        reason = f"{reason}; {some_of(seen.denied)} is seen through in places, so that it may be elsewhere"
+        it = "it" if len(seen.denied) == 1 else "they"
+        reason = f"{reason}; {_seen_through(seen.denied)}, so that {it} may be elsewhere"
     return Fit(verdict=verdict, reason=reason, explained=seen.explained, missed=seen.missed, denied=seen.denied)
 
 
@@ -83,8 +84,12 @@ def _judged(seen: Confirmation) -> tuple[Verdict, str]:
     if seen.missed:
         return "doubtful", f"{share}, but not {some_of(seen.missed)}"
     if seen.denied_share > DENIED_SHARE or seen.root_denied:
-        return "doubtful", f"{share}, but {some_of(seen.denied)} is seen through in places"
+        return "doubtful", f"{share}, but {_seen_through(seen.denied)}"
     return "good", share
+
+
+def _seen_through(parts: Sequence[str]) -> str:
+    return f"{some_of(parts)} {'is' if len(parts) == 1 else 'are'} seen through in places"
 
 
 def _touching(view: View, covered: NDArray[np.bool_], confirmed: NDArray[np.bool_], kinds: Sequence[int]) -> int:

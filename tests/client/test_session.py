@@ -171,6 +171,9 @@ def test_a_planners_own_views_are_ranked(served: Served, rested: RemoteSession) 
     assert costs == [1.0, 2.0]  # of equal ones the cheaper first
     with pytest.raises(PmpnbpError, match=r"a view has the shape \(3,\); expected a pose \(7,\), or a pair"):
         rested.decision(views=[np.zeros(3)])
+    # three links instead of a list of them
+    with pytest.raises(PmpnbpError, match="a view is 'd'; expected a pose"):
+        rested.decision("drawer1", 1e-6, "drawer2")
     assert isinstance(view, View)
 
 

@@ -113,6 +113,18 @@ def test_what_leaves_the_region_or_is_seen_through_is_doubted(
     assert (fit.verdict == "good") == good and said in fit.reason, fit
 
 
+@pytest.mark.parametrize(
+    ("denied", "said"),
+    [
+        (("lid",), "lid is seen through in places, so that it may"),
+        (("lid", "pin"), "lid, pin are seen through in places, so that they may"),
+    ],
+)
+def test_parts_that_are_seen_through_are_named(denied: tuple[str, ...], said: str) -> None:
+    fit = judged(replace(confirmation(built(), ROOT, JOINTS), denied=denied, denied_share=0.1, root_denied=False))
+    assert fit.verdict == "good" and fit.reason.endswith(f"; {said} be elsewhere")
+
+
 def test_an_object_that_reaches_out_of_the_region_is_counted_there() -> None:
     assert confirmation(built(), ROOT, JOINTS).outside == 0
     seen = confirmation(built(top=0.2), ROOT, JOINTS)

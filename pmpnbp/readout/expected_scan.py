@@ -144,11 +144,11 @@ def hidden(scan: ExpectedScan, probed: Probed) -> Array:
     """(T, P, P): of the T configurations the covariance by which the scan's image would hide the coordinates by its
     grain, whatever its pixels tell."""
     problem, here, finer = scan.problem, probed.parts[:, 0], float(np.sqrt(scan.share))
-    told = []
+    told, noise = [], float(problem.noise[0])
     for parts, maps in zip(here, _seen(scan, here, np.zeros(len(problem.nuisance_std))), strict=True):
         depth, number = render(scan.camera, problem.surfaces, maps)
         shown = (depth > 0) & (depth <= scan.hidden.reshape(depth.shape))
-        middles, noise = poses.transform_points(parts, problem.mrf.centres), float(problem.noise[0])
+        middles = poses.transform_points(parts, problem.mrf.centres)
         told.append(told_of_parts(scan.camera, depth, number, shown, middles, problem.tolerance_end, noise, finer))
     return hidden_by_grain(problem.mrf, probed.parts, probed.steps, np.array(told), shape(problem))
 

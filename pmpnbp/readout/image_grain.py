@@ -97,7 +97,7 @@ def told_of_parts(
     finer : the pixels of the image that is scored are so many times narrower than the camera's
     """
     (row, column), across = outlines(depth, shown, tolerance)
-    x, y = (column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy
+    x, y, _ = _rays(camera, (row, column)).T
     aside = np.stack([across[:, 0], across[:, 1], -(across[:, 0] * x + across[:, 1] * y)], axis=1)
     # of a pixel of outline the image that is scored has `finer`, of a surface's as many squared
     off = EDGE * depth[row, column, None] / camera.fx / finer
@@ -130,13 +130,19 @@ def facing(
     (P, 3) of their surfaces in its frame, 1 / metres: with points on them their product is 1."""
     inverse = np.divide(1.0, depth, out=np.zeros(depth.shape), where=depth > 0)
     row, column = np.nonzero(shown)
-    x, y = (column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy
+    x, y, _ = _rays(camera, (row, column)).T
     right, down = (_slope(inverse, number, axis)[row, column] for axis in (1, 0))
     normal = np.stack([right * camera.fx, down * camera.fy, np.zeros(len(row))], axis=1)
     normal[:, 2] = inverse[row, column] - normal[:, 0] * x - normal[:, 1] * y
     far = depth[row, column] * np.sqrt(1 + x**2 + y**2)
     kept = np.linalg.norm(normal, axis=1) * far * GRAZING < 1
     return (row[kept], column[kept]), normal[kept]
+
+
+def _rays(camera: Camera, pixels: Pixels) -> Array:
+    """(P, 3): `Camera.rays` of some pixels, in double precision."""
+    row, column = pixels
+    return np.stack([(column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy, np.ones(len(row))], axis=1)
 
 
 def _slope(inverse: Array, number: NDArray[np.int16], axis: int) -> Array:
@@ -164,8 +170,7 @@ def _gathered(
     (P, 3) of the camera's frame, as long as a metre has of its deviations."""
     row, column = pixels
     pose, owner = np.asarray(camera.pose_world_camera, dtype=np.float64), number[row, column]
-    rays = np.stack([(column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy, np.ones(len(row))], axis=1)
-    arms = poses.transform_points(pose, rays * depth[row, column, None]) - middles[owner]
+    arms = poses.transform_points(pose, _rays(camera, pixels) * depth[row, column, None]) - middles[owner]
     straight = poses.rotate(pose[3:], directions)
     rows = np.concatenate([straight, np.cross(arms, straight)], axis=1)
     order = np.argsort(owner, kind="stable")

@@ -58,6 +58,14 @@ def pytest_collection() -> Iterator[None]:
     return found
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
+    """Nor among what a file's tests have imported: servers of this process look for it after each session that ends."""
+    yield
+    if nextitem is not None and nextitem.path != item.path:
+        keep_for_good()
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Tests of LONG_FILES before all others; whatever is of one file stays in its order."""
     long = [config.rootpath / path for path in LONG_FILES]

@@ -43,6 +43,7 @@ GROWING = ("POST /models", "POST /scans", "POST /recordings", "POST /sessions", 
 class Condition:
     """place : makes the folder for the data; under : puts a server under the condition and takes it away again
     refusals : statuses with which what writes may be refused; needed : whether GROWING has to be refused at all
+    iterations : of a session that iterates meanwhile: one that nothing stops takes a core
     environment : of the server; besides : what else is looked at under the condition
     """
 
@@ -51,6 +52,7 @@ class Condition:
     under: Callable[[OwnServer], AbstractContextManager[None]]
     refusals: Collection[int] = ()
     needed: bool = True
+    iterations: int = 100_000
     environment: Callable[[Path], Mapping[str, str]] = lambda folder: {}
     besides: Callable[[OwnServer, Outcome, httpx.Client], None] = lambda server, outcome, client: None
 
@@ -64,6 +66,7 @@ CONDITIONS: Mapping[str, Condition] = {
         conditions.plain,
         conditions.an_hour_ago,
         needed=False,
+        iterations=100,
         environment=conditions.own_clock,
         besides=conditions.keys_and_waits,
     ),
@@ -116,7 +119,7 @@ def _under(condition: Condition, outcome: Outcome, folder: Path) -> None:
         names = _stored(server, client)
         before = _told(client, names)
         running = entries.small_session(server.target, client, 2)
-        client.post(f"{running}/run", json={"iterations": 100_000}).raise_for_status()
+        client.post(f"{running}/run", json={"iterations": condition.iterations}).raise_for_status()
         with condition.under(server):
             _reads(outcome, client, names, condition)
             _writes(outcome, client, names, condition)

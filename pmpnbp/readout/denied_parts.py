@@ -17,8 +17,9 @@ from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.pixel_kinds import PixelKind, pixel_kinds
 from pmpnbp.potentials.unary import renders
+from pmpnbp.readout.first_proposal import CELLS
 from pmpnbp.readout.importance_sampling import Grid
-from pmpnbp.readout.object_posterior import CELLS, confidence
+from pmpnbp.readout.log_posterior import confidence
 
 # The share of draws that stay where the part was found.
 STAYING = 0.2

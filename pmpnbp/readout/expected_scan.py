@@ -24,7 +24,7 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import render, renders
 from pmpnbp.readout.image_grain import hidden_by_grain, shape, told_of_parts
-from pmpnbp.readout.object_posterior import confidence
+from pmpnbp.readout.log_posterior import confidence
 from pmpnbp.scene.observation import SUPPORT
 from pmpnbp.scene.sizes import resized
 

@@ -35,7 +35,8 @@ from pmpnbp.inference.tree_estimate import agreeing, polish
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.denied_parts import drawn_anew, without
 from pmpnbp.readout.fit import assess
-from pmpnbp.readout.object_posterior import ModeDraws, log_posterior, misfit, mode_draws
+from pmpnbp.readout.log_posterior import log_posterior
+from pmpnbp.readout.object_posterior import ModeDraws, misfit, mode_draws
 from pmpnbp.readout.places import Place, contenders, least_reach, mode_reach, strayed
 from pmpnbp.readout.posterior import Centre, ObjectMode, Posterior
 

@@ -1,16 +1,15 @@
 """How sure can one be of the object, given the scan? Weighted draws of root pose and joint positions about a mode.
 
 The belief's own spread follows its diffusion and is no uncertainty (docs/algorithm.md, "Spread"). Here the whole object
-is rendered at every draw and scored as the estimate is, and the score counts as the log likelihood, times `confidence`:
-a pixel's score 1 - (d/tau)^2 is a Gaussian's logarithm in the difference of depths d. Draws stay in the mode that they
-are asked about, but for joints whose place the scan does not tell, which go over their whole range. Joints that close a
-loop are left out. Nuisances that are not fixed are drawn with the rest, so that a depth scale which the scan does not
-tell is a spread along the line of sight.
+is rendered and scored at every draw (`log_posterior`). Draws stay in the mode that they are asked about, but for joints
+whose place the scan does not tell, which go over their whole range. Joints that close a loop are left out. Nuisances
+that are not fixed are drawn with the rest, so that a depth scale which the scan does not tell is a spread along the
+line of sight.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,49 +18,30 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.problem import Problem
-from pmpnbp.inference.registration import curvature
-from pmpnbp.potentials.unary import object_scores
 from pmpnbp.readout.chain_bends import bends, bent_otherwise
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
+from pmpnbp.readout.first_proposal import HALF_SURE, LOOSE, curvature_information, joint_grids, measured_covariance
 from pmpnbp.readout.free_turn import free_turn, turned_anyhow
 from pmpnbp.readout.image_grain import grain
-from pmpnbp.readout.importance_sampling import Grid, LogDensity, Proposal, adaptive_importance
+from pmpnbp.readout.importance_sampling import LogDensity, Proposal, adaptive_importance
+from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.particle_statistics import short_way_round
-from pmpnbp.scene.prior import GaussianPrior, UniformPrior
+from pmpnbp.scene.prior import UniformPrior
 
-# A pixel's score 1 - (d / tau)^2 counts as a Gaussian's logarithm with a standard deviation of FLOOR, metres, and so
-# many times the depths' own: pixels share their errors with their neighbours (steps of depth, outlines, the mesh), so
-# that each says less than its noise would have it. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
-FLOOR, SHARED = 0.0035, 1.8
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate at most,
 # else as many as the covariance that is fitted to them has elements; rounds at most; and how many draws have to count
 # before no more are made.
 FIRST, LEAST, EACH, ROUNDS, ENOUGH = 96, 64, 16, 48, 60.0
 # Metres and radians: no joint is taken for better known than this where modes are weighed.
 SHUT = 1e-4
-# Cells over a joint's range, and the least share of a uniform density in draws from them.
-CELLS, UNIFORM = 32, 0.1
-# Of so many cells next to each other one is looked at first; where that is worse by more nats, so are all. On even
-# seeds of `benchmarks.belief`, wrong models and absent objects among them, the same joints are then drawn from grids.
-STRIDE, HOPELESS = 4, 250.0
-# Densities along one axis alone, and of a few places, are taken this much less sharp: the other coordinates are not
-# quite where they are taken to be, and the score is rough, by some nats. Where few draws count so are their weights.
-HALF_SURE = 0.5
 # Share of its score by which a place may be worth more or less than another for no good reason: on even seeds rivals
 # in sight are worse than right estimates by 4 % and more, and those that are taken for each other within 2 %. Of 0.007,
 # 0.005 and 0.0035 the second had as many certain parts right as the first, and the third fewer.
 MISFIT = 0.005
-# A joint is drawn over its range where so much of its weight lies so many standard deviations from the mode.
-ELSEWHERE, FAR = 0.02, 4.0
-# Metres and radians: how far a parameter that the scan does not hold is started from.
-LOOSE = 0.02
-# An axis of the first proposal is flat where it has this share of the variance of what is not held; where along it the
-# density is looked at, metres or radians.
-FLAT, SCANNED = 0.25, (0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 3.0)
 # Metres from the mode at most: where nothing at all is seen the draws would go on without end.
 ASTRAY = 2.0
-# How far such a parameter starts beside nuisances that the scan does not tell either: it goes as far as their prior
-# takes it.
+# How far a parameter that the scan does not hold starts beside nuisances that it does not tell either: it goes as far
+# as their prior takes it.
 UNTOLD = 1.0
 
 
@@ -108,10 +88,10 @@ def mode_draws(
     """
     model = problem.mrf.model
     free = np.flatnonzero(problem.nuisance_std)
-    information = _information(problem, root, joints, problem.tolerance_end, free, LOOSE)
+    information = curvature_information(problem, root, joints, problem.tolerance_end, free, LOOSE)
     density = _density(problem, root, joints, free, checkpoint)
-    covariance = _scanned(density, np.asarray(np.linalg.inv(information), dtype=np.float64))
-    grids = _grids(problem, root, joints, np.diag(information)[6 : 6 + model.dof] ** -0.5)
+    covariance = measured_covariance(density, np.asarray(np.linalg.inv(information), dtype=np.float64))
+    grids = joint_grids(problem, root, joints, np.diag(information)[6 : 6 + model.dof] ** -0.5)
     lower, upper = _limits(problem, joints, len(free))
     size = len(information)
     first = Proposal(np.zeros(size), covariance, lower, upper, grids)
@@ -199,7 +179,7 @@ def nuisance_stds(problem: Problem, root: Array, joints: Array) -> Array:
     Gaussian that has the curvature of the score. Outlines are left out, which tell more."""
     free = np.flatnonzero(problem.nuisance_std)
     stds = np.zeros_like(problem.nuisance_std)
-    covariance = np.linalg.inv(_information(problem, root, joints, problem.tolerance_end, free, UNTOLD))
+    covariance = np.linalg.inv(curvature_information(problem, root, joints, problem.tolerance_end, free, UNTOLD))
     stds[free] = np.sqrt(np.diag(covariance)[6 + len(joints) :])
     return stds
 
@@ -252,92 +232,3 @@ def _nuisances(problem: Problem, free: NDArray[np.int64], offsets: Array) -> Arr
     moved[:, free] += offsets
     # a share beyond this turns the object inside out
     return np.clip(moved, -0.9, 0.9)
-
-
-def confidence(problem: Problem) -> float:
-    """Nats that a pixel's score counts, at the tolerance that annealing ends at."""
-    variance = FLOOR**2 + (SHARED * float(problem.noise.max(initial=0.0))) ** 2
-    return float(problem.tolerance_end**2 / (2 * variance))
-
-
-def log_posterior(problem: Problem, roots: Array, joints: Array, nuisances: Array | None = None) -> Array:
-    """(C,) up to a constant, of root poses (C, 7) and joint vectors (C, D), under nuisances (C, K) or the problem's."""
-    part_poses = problem.part_poses(roots, joints, nuisances)
-    # also where the inference scores by eq. 10, whose sum of distances is no logarithm of a likelihood
-    scoring = replace(problem.score(problem.tolerance_end), form="robust")
-    nuisances = problem.nuisances if nuisances is None else nuisances
-    score = confidence(problem) * object_scores(problem.observation, problem.surfaces, part_poses, scoring, nuisances)
-    if nuisances is not None:
-        score = score + problem.log_nuisance_prior(nuisances)
-    return problem.plus_prior(score, part_poses[:, problem.prior_node], always=True)
-
-
-def _scanned(density: LogDensity, covariance: Array) -> Array:
-    """A covariance (P, P) as wide as the density along those of its own axes that the curvature does not hold: outlines
-    may, or nothing does."""
-    variances, axes = np.linalg.eigh(covariance)
-    flat = np.flatnonzero(variances > FLAT * LOOSE**2)
-    if not len(flat):
-        return covariance
-    steps = np.array([*(-np.array(SCANNED[::-1])), 0.0, *SCANNED])
-    log = density((steps[:, None] * axes.T[flat, None]).reshape(-1, len(axes))).reshape(len(flat), -1)
-    weights = np.exp(HALF_SURE * (log - log.max(axis=1, keepdims=True)))
-    mass = np.trapezoid(weights, steps, axis=1)
-    found = np.trapezoid(weights * steps**2, steps, axis=1)
-    told = (mass > 0) & (found > 0)
-    variances[flat[told]] = (found / np.where(mass > 0, mass, 1.0))[told]
-    return (axes * variances) @ axes.T
-
-
-def _grids(problem: Problem, root: Array, joints: Array, stds: Array) -> tuple[Grid, ...]:
-    """Where joints could as well be, all others as they are: offsets to the positions of those whose weight lies
-    elsewhere than within a few of `stds` (D,) from where they are."""
-    model = problem.mrf.model
-    spans = model.upper - model.lower
-    moving = np.flatnonzero((spans > 0) & np.isfinite(spans))
-    if not len(moving):
-        return ()
-    offsets = (np.arange(CELLS) + 0.5) / CELLS * spans[moving, None] + (model.lower - joints)[moving, None]
-    distant = np.abs(offsets) > FAR * np.maximum(stds, spans / CELLS)[moving, None]
-    here = float(log_posterior(problem, root[None], joints[None])[0])
-    log = np.full(offsets.shape, -np.inf)
-    first = np.arange(CELLS) % STRIDE == STRIDE // 2
-    log[:, first] = _along(problem, root, joints, moving, offsets[:, first])
-    groups = distant.reshape(len(moving), -1, STRIDE).any(axis=2)
-    open_ = np.any(groups & (log[:, first] > here - HOPELESS), axis=1)
-    log[np.ix_(open_, ~first)] = _along(problem, root, joints, moving[open_], offsets[np.ix_(open_, ~first)])
-    found = []
-    for place in np.flatnonzero(open_):
-        coordinate = moving[place]
-        cell = spans[coordinate] / CELLS
-        top = max(here, log[place].max())
-        beyond = cell * np.exp(log[place, distant[place]] - top).sum()
-        near = np.sqrt(2 * np.pi) * min(float(stds[coordinate]), spans[coordinate]) * np.exp(here - top)
-        if beyond <= ELSEWHERE * (beyond + near):
-            continue
-        weights = np.exp(HALF_SURE * (log[place] - log[place].max()))
-        weights = (1 - UNIFORM) * weights / weights.sum() + UNIFORM / CELLS
-        begin = float(model.lower[coordinate] - joints[coordinate])
-        found.append(Grid(6 + int(coordinate), begin, begin + float(spans[coordinate]), weights))
-    return tuple(found)
-
-
-def _along(problem: Problem, root: Array, joints: Array, coordinates: NDArray[np.int64], offsets: Array) -> Array:
-    """(J, K): the log posterior with one of the joint coordinates (J,) moved by each of its offsets (J, K)."""
-    tried = np.tile(joints, (*offsets.shape, 1))
-    tried[np.arange(len(coordinates)), :, coordinates] += offsets
-    rows = tried.reshape(-1, len(joints))
-    return log_posterior(problem, np.tile(root, (len(rows), 1)), rows).reshape(offsets.shape)
-
-
-def _information(
-    problem: Problem, root: Array, joints: Array, tolerance: float, free: NDArray[np.int64], loose: float
-) -> Array:
-    """(6 + D + F, 6 + D + F), the inverse of the Gaussian's covariance that has the curvature of the score and roughly
-    the priors; where neither tells anything it is `loose`, metres and radians."""
-    information = 2 * confidence(problem) * curvature(problem, root, joints, tolerance, free)
-    information += np.diag(np.concatenate([np.full(6 + len(joints), loose), problem.nuisance_std[free]]) ** -2.0)
-    if isinstance(problem.prior, GaussianPrior):
-        known = np.concatenate([problem.prior.std_xyz, problem.prior.std_rpy])
-        information[range(6), range(6)] += 1 / known**2
-    return information

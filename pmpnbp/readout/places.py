@@ -19,7 +19,8 @@ from pmpnbp.inference.problem import LONG_CHAIN, Problem
 from pmpnbp.inference.tree_estimate import polish
 from pmpnbp.inference.triple_moves import triple_moves
 from pmpnbp.readout.fit import assess
-from pmpnbp.readout.object_posterior import ModeDraws, log_posterior, misfit
+from pmpnbp.readout.log_posterior import log_posterior
+from pmpnbp.readout.object_posterior import ModeDraws, misfit
 
 # A rival is polished where its score is worse than the estimate's by a smaller share, and drawn from where it is then
 # worse by fewer nats, counted as they weigh: a broad mode may make up for some.

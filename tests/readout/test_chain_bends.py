@@ -12,7 +12,8 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import mrf as fields
 from pmpnbp.inference import problem as problems
 from pmpnbp.readout.chain_bends import JOINTS, Bend, bends, bent, bent_otherwise, spread_along
-from pmpnbp.readout.object_posterior import log_posterior, misfit, mode_draws
+from pmpnbp.readout.log_posterior import log_posterior
+from pmpnbp.readout.object_posterior import misfit, mode_draws
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.prior import GaussianPrior
 from tests.inference import small_worlds as worlds

@@ -15,7 +15,7 @@ from pmpnbp.inference import registration
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature, moved
 from pmpnbp.readout.expected_scan import GRAZING, PROBE, Probed, expected_scan, information, told_apart
-from pmpnbp.readout.object_posterior import confidence, log_posterior
+from pmpnbp.readout.log_posterior import confidence, log_posterior
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
 

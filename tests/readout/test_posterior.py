@@ -18,8 +18,9 @@ from pmpnbp.inference.nuisance_fit import fitted
 from pmpnbp.inference.problem import LONG_CHAIN, Problem
 from pmpnbp.readout import mixture, places
 from pmpnbp.readout.checkpoint import Checkpoint
+from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.mixture import at_rest, of_estimate, read_out
-from pmpnbp.readout.object_posterior import log_posterior, mode_draws
+from pmpnbp.readout.object_posterior import mode_draws
 from pmpnbp.readout.particle_statistics import covariance
 from pmpnbp.readout.places import POLISH_ROUNDS
 from pmpnbp.readout.posterior import FEWEST_DRAWS, Posterior, spread

@@ -1,0 +1,112 @@
+"""Where does the sampling of a mode begin? With a Gaussian about as wide as its density, and grids of the joints that
+it does not fit: the nearer they come to the density, the fewer draws it takes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.registration import curvature
+from pmpnbp.readout.importance_sampling import Grid, LogDensity
+from pmpnbp.readout.log_posterior import confidence, log_posterior
+from pmpnbp.scene.prior import GaussianPrior
+
+# Cells over a joint's range, and the least share of a uniform density in draws from them.
+CELLS, UNIFORM = 32, 0.1
+# Of so many cells next to each other one is looked at first; where that is worse by more nats, so are all. On even
+# seeds of `benchmarks.belief`, wrong models and absent objects among them, the same joints are then drawn from grids.
+STRIDE, HOPELESS = 4, 250.0
+# Densities along one axis alone, and of a few places, are taken this much less sharp: the other coordinates are not
+# quite where they are taken to be, and the score is rough, by some nats. Where few draws count so are their weights.
+HALF_SURE = 0.5
+# A joint is drawn over its range where so much of its weight lies so many standard deviations from the mode.
+ELSEWHERE, FAR = 0.02, 4.0
+# Metres and radians: how far a parameter that the scan does not hold is started from.
+LOOSE = 0.02
+# An axis of the first proposal is flat where it has this share of the variance of what is not held; where along it the
+# density is looked at, metres or radians.
+FLAT, SCANNED = 0.25, (0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 3.0)
+# Standard deviations along any other axis, likewise; how many times the variance that is found there it keeps, and what
+# share of its own at least: of a proposal that is too narrow a few draws count as if there were nothing beyond them.
+NEAR, WIDER, NARROW = (0.25, 0.5, 1.0, 2.0), 3.0, 0.1
+
+
+def curvature_information(
+    problem: Problem, root: Array, joints: Array, tolerance: float, free: NDArray[np.int64], loose: float
+) -> Array:
+    """(6 + D + F, 6 + D + F), the inverse of the Gaussian's covariance that has the curvature of the score and roughly
+    the priors; where neither tells anything it is `loose`, metres and radians."""
+    information = 2 * confidence(problem) * curvature(problem, root, joints, tolerance, free)
+    information += np.diag(np.concatenate([np.full(6 + len(joints), loose), problem.nuisance_std[free]]) ** -2.0)
+    if isinstance(problem.prior, GaussianPrior):
+        known = np.concatenate([problem.prior.std_xyz, problem.prior.std_rpy])
+        information[range(6), range(6)] += 1 / known**2
+    return information
+
+
+def measured_covariance(density: LogDensity, covariance: Array) -> Array:
+    """A covariance (P, P) about as wide as the density is along each of its own axes: where the curvature holds nothing
+    outlines may, or nothing does, and elsewhere they hold more than it does."""
+    variances, axes = np.linalg.eigh(covariance)
+    found, flat = variances.copy(), variances > FLAT * LOOSE**2
+    found[flat] = _variances(density, axes.T[flat], np.tile(SCANNED, (int(flat.sum()), 1)))
+    held = variances[~flat]
+    found[~flat] = WIDER * _variances(density, axes.T[~flat], np.sqrt(held)[:, None] * NEAR)
+    found[~flat] = np.clip(found[~flat], NARROW * held, held)
+    return (axes * np.where(found > 0, found, variances)) @ axes.T
+
+
+def _variances(density: LogDensity, axes: Array, distances: Array) -> Array:
+    """(K,) of a density along axes (K, P) through its mode, looked at on both sides of it at `distances` (K, S);
+    0 where it has no width."""
+    steps = np.concatenate([-distances[:, ::-1], np.zeros((len(axes), 1)), distances], axis=1)
+    log = density((steps[..., None] * axes[:, None]).reshape(-1, axes.shape[1])).reshape(steps.shape)
+    weights = np.exp(HALF_SURE * (log - log.max(axis=1, keepdims=True)))
+    mass, spread = np.trapezoid(weights, steps, axis=1), np.trapezoid(weights * steps**2, steps, axis=1)
+    return np.divide(spread, mass, out=np.zeros(len(axes)), where=mass > 0)
+
+
+def joint_grids(problem: Problem, root: Array, joints: Array, stds: Array) -> tuple[Grid, ...]:
+    """Where joints could as well be, all others as they are: offsets to the positions of those whose weight lies
+    elsewhere than within a few of `stds` (D,) from where they are, or a cell from there where that is not told."""
+    model = problem.mrf.model
+    spans = model.upper - model.lower
+    moving = np.flatnonzero((spans > 0) & np.isfinite(spans))
+    if not len(moving):
+        return ()
+    offsets = (np.arange(CELLS) + 0.5) / CELLS * spans[moving, None] + (model.lower - joints)[moving, None]
+    # a Gaussian fits none that is told by less than that
+    told = stds**2 < FLAT * LOOSE**2
+    distant = np.abs(offsets) > np.where(told, FAR * np.maximum(stds, spans / CELLS), spans / CELLS)[moving, None]
+    here = float(log_posterior(problem, root[None], joints[None])[0])
+    log = np.full(offsets.shape, -np.inf)
+    first = np.arange(CELLS) % STRIDE == STRIDE // 2
+    log[:, first] = _along(problem, root, joints, moving, offsets[:, first])
+    groups = distant.reshape(len(moving), -1, STRIDE).any(axis=2)
+    open_ = np.any(groups & (log[:, first] > here - HOPELESS), axis=1)
+    log[np.ix_(open_, ~first)] = _along(problem, root, joints, moving[open_], offsets[np.ix_(open_, ~first)])
+    found = []
+    for place in np.flatnonzero(open_):
+        coordinate = moving[place]
+        cell = spans[coordinate] / CELLS
+        top = max(here, log[place].max())
+        beyond = cell * np.exp(log[place, distant[place]] - top).sum()
+        near = np.sqrt(2 * np.pi) * min(float(stds[coordinate]), spans[coordinate]) * np.exp(here - top)
+        if beyond <= ELSEWHERE * (beyond + near):
+            continue
+        weights = np.exp(HALF_SURE * (log[place] - log[place].max()))
+        weights = (1 - UNIFORM) * weights / weights.sum() + UNIFORM / CELLS
+        begin = float(model.lower[coordinate] - joints[coordinate])
+        found.append(Grid(6 + int(coordinate), begin, begin + float(spans[coordinate]), weights))
+    return tuple(found)
+
+
+def _along(problem: Problem, root: Array, joints: Array, coordinates: NDArray[np.int64], offsets: Array) -> Array:
+    """(J, K): the log posterior with one of the joint coordinates (J,) moved by each of its offsets (J, K)."""
+    tried = np.tile(joints, (*offsets.shape, 1))
+    tried[np.arange(len(coordinates)), :, coordinates] += offsets
+    rows = tried.reshape(-1, len(joints))
+    return log_posterior(problem, np.tile(root, (len(rows), 1)), rows).reshape(offsets.shape)

@@ -179,7 +179,6 @@ def adaptive_importance(
     """Draws, as many in each round as `counts` says, the first from `proposal`, until `enough` count; the density need
     not be above zero at all of them. Where it is nowhere, the weights are even and the integral is 0.
 
-
     least_power : below 1 for a density with an error of its own at every place: weights are tempered until `enough`
         count, to this power at the least. As the proposals are fitted to the draws, a Gaussian keeps its width. Where
         not even FEW count so the power is lower still: else one draw would be told, which has no width at all

@@ -29,8 +29,8 @@ serve: $(SERVE_STAMP)
 
 ## test: format and lint check, type check, tests, then those of numbers as an older processor computes them
 test: browser lint
-	@$(MAKE) --no-print-directory --jobs 2 types kernels
-	nice $(MAKE) --no-print-directory kernels-baseline & $(PYTEST) $(PYTEST_ARGS); status=$$?; wait; exit $$status
+	nice $(MAKE) --no-print-directory kernels-baseline & \
+	  $(MAKE) --no-print-directory --jobs 2 types kernels && $(PYTEST) $(PYTEST_ARGS); status=$$?; wait; exit $$status
 	@$(MAKE) --no-print-directory test-baseline
 
 ## test-baseline: the tests of numbers with every library's instruction set back at what all x86-64 processors have
@@ -38,7 +38,7 @@ test-baseline: $(STAMP)
 	@$(BIN)/python -m tests.instruction_sets $(PYTEST) --of-numbers $(PYTEST_ARGS)
 
 # Compiled before the tests that need them: each of their workers would else compile the same. Those of the second pass
-# while the tests of the first wait for browsers and servers
+# while a core has nothing else to do: once the types are checked, and while tests wait for browsers and servers
 kernels: $(STAMP)
 	@$(BIN)/python -m app.warm_up
 

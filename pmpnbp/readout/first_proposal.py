@@ -47,23 +47,24 @@ def curvature_information(
     return information
 
 
-def measured_covariance(density: LogDensity, covariance: Array) -> Array:
-    """A covariance (P, P) about as wide as the density is along each of its own axes: where the curvature holds nothing
-    outlines may, or nothing does, and elsewhere they hold more than it does."""
+def measured_covariance(density: LogDensity, here: float, covariance: Array) -> Array:
+    """A covariance (P, P) about as wide as the density, whose logarithm is `here` at the mode, is along each of its own
+    axes: where the curvature holds nothing outlines may, or nothing does, and elsewhere they hold more than it does."""
     variances, axes = np.linalg.eigh(covariance)
     found, flat = variances.copy(), variances > FLAT * LOOSE**2
-    found[flat] = _variances(density, axes.T[flat], np.tile(SCANNED, (int(flat.sum()), 1)))
+    found[flat] = _variances(density, here, axes.T[flat], np.tile(SCANNED, (int(flat.sum()), 1)))
     held = variances[~flat]
-    found[~flat] = WIDER * _variances(density, axes.T[~flat], np.sqrt(held)[:, None] * NEAR)
+    found[~flat] = WIDER * _variances(density, here, axes.T[~flat], np.sqrt(held)[:, None] * NEAR)
     found[~flat] = np.clip(found[~flat], NARROW * held, held)
     return (axes * np.where(found > 0, found, variances)) @ axes.T
 
 
-def _variances(density: LogDensity, axes: Array, distances: Array) -> Array:
+def _variances(density: LogDensity, here: float, axes: Array, distances: Array) -> Array:
     """(K,) of a density along axes (K, P) through its mode, looked at on both sides of it at `distances` (K, S);
     0 where it has no width."""
-    steps = np.concatenate([-distances[:, ::-1], np.zeros((len(axes), 1)), distances], axis=1)
+    steps, middle = np.concatenate([-distances[:, ::-1], distances], axis=1), distances.shape[1]
     log = density((steps[..., None] * axes[:, None]).reshape(-1, axes.shape[1])).reshape(steps.shape)
+    steps, log = np.insert(steps, middle, 0.0, axis=1), np.insert(log, middle, here, axis=1)
     weights = np.exp(HALF_SURE * (log - log.max(axis=1, keepdims=True)))
     mass, spread = np.trapezoid(weights, steps, axis=1), np.trapezoid(weights * steps**2, steps, axis=1)
     return np.divide(spread, mass, out=np.zeros(len(axes)), where=mass > 0)
@@ -78,9 +79,10 @@ def joint_grids(problem: Problem, root: Array, joints: Array, stds: Array) -> tu
     if not len(moving):
         return ()
     offsets = (np.arange(CELLS) + 0.5) / CELLS * spans[moving, None] + (model.lower - joints)[moving, None]
-    # a Gaussian fits none that is told by less than that
+    cells = spans / CELLS
+    # no Gaussian fits a joint of which the curvature tells nothing
     told = stds**2 < FLAT * LOOSE**2
-    distant = np.abs(offsets) > np.where(told, FAR * np.maximum(stds, spans / CELLS), spans / CELLS)[moving, None]
+    distant = np.abs(offsets) > np.where(told, FAR * np.maximum(stds, cells), cells)[moving, None]
     here = float(log_posterior(problem, root[None], joints[None])[0])
     log = np.full(offsets.shape, -np.inf)
     first = np.arange(CELLS) % STRIDE == STRIDE // 2
@@ -91,9 +93,8 @@ def joint_grids(problem: Problem, root: Array, joints: Array, stds: Array) -> tu
     found = []
     for place in np.flatnonzero(open_):
         coordinate = moving[place]
-        cell = spans[coordinate] / CELLS
         top = max(here, log[place].max())
-        beyond = cell * np.exp(log[place, distant[place]] - top).sum()
+        beyond = cells[coordinate] * np.exp(log[place, distant[place]] - top).sum()
         near = np.sqrt(2 * np.pi) * min(float(stds[coordinate]), spans[coordinate]) * np.exp(here - top)
         if beyond <= ELSEWHERE * (beyond + near):
             continue

@@ -26,7 +26,7 @@ def gaussian(stds: Array) -> LogDensity:
 
 
 def test_it_stays_as_wide_as_a_gaussian_that_it_fits() -> None:
-    np.testing.assert_allclose(widths(measured_covariance(gaussian(STDS), COVARIANCE))[:2], 1.0)
+    np.testing.assert_allclose(widths(measured_covariance(gaussian(STDS), 0.0, COVARIANCE))[:2], 1.0)
 
 
 @pytest.mark.parametrize("narrower", [1e-6, 0.1, 0.25])
@@ -34,7 +34,7 @@ def test_it_is_narrower_where_the_density_is_and_never_too_narrow(narrower: floa
     for axis in range(2):
         stds = STDS.copy()
         stds[axis] *= narrower
-        found = widths(measured_covariance(gaussian(stds), COVARIANCE))
+        found = widths(measured_covariance(gaussian(stds), 0.0, COVARIANCE))
         assert max(narrower, np.sqrt(NARROW) * (1 - 1e-9)) <= found[axis] <= max(2 * np.sqrt(WIDER) * narrower, 0.5)
         np.testing.assert_allclose(found[1 - axis], 1.0)
 
@@ -47,10 +47,10 @@ def test_along_what_nothing_holds_it_is_as_wide_as_the_density(reach: float) -> 
         inside = np.where(np.abs(rows @ AXES[:, 2]) < reach, 0.0, -np.inf)
         return inside + gaussian(np.array([*STDS[:2], np.inf]))(rows)
 
-    found = widths(measured_covariance(box, COVARIANCE))[2] * STDS[2]
+    found = widths(measured_covariance(box, 0.0, COVARIANCE))[2] * STDS[2]
     assert 0.6 * reach / np.sqrt(3) < found < 1.7 * reach / np.sqrt(3)
 
 
 def test_where_the_density_has_no_width_it_is_what_it_was() -> None:
-    none = measured_covariance(lambda rows: np.where(np.abs(rows).max(axis=1) > 0, -np.inf, 0.0), COVARIANCE)
+    none = measured_covariance(lambda rows: np.full(len(rows), -np.inf), 0.0, COVARIANCE)
     assert np.isfinite(none).all() and np.linalg.eigvalsh(none).min() > 0

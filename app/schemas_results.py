@@ -146,6 +146,9 @@ class Estimate(BaseModel):
     depth_noise: list[float] = Field(
         description="of each view, metres: standard deviation of its depths at the object, that the inference goes by"
     )
+    depth_noise_area: list[float] = Field(
+        description="of each view: so many pixels of the working image err as one; 1 where each errs on its own"
+    )
     nuisances: dict[str, NuisanceEstimate] = Field(
         description="depth_scale/VIEW, camera/VIEW/AXIS and size/AXIS, where the settings leave them free"
     )

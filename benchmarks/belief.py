@@ -3,7 +3,7 @@
 Half of the scenes are easy (`heldout`'s cabinets, doors and chains, from seed 300 up), half are of the families of
 `hard_scenes`; biased depths and wrong dimensions are run with the nuisances' priors stated. Then the object is taken
 away, or another's model is looked for in its place. Nothing was tuned on odd seeds. Run it:
-`python -m benchmarks.belief [--seeds 5] [--tuning] [--families tent lamp]`.
+`python -m benchmarks.belief [--seeds 5] [--tuning] [--families tent lamp] [--sensor stereo]`.
 """
 
 from __future__ import annotations
@@ -118,11 +118,13 @@ def _scenes(arguments: argparse.Namespace, seed: int, parent: Path, chosen: Sett
     if arguments.easy:
         for kind in heldout.SCENES:
             for number in range(5):
-                case, _ = heldout.load_scene(kind, FIRST_EASY + 10 * seed + 2 * number + 1, parent, chosen)
+                case, _ = heldout.load_scene(
+                    kind, FIRST_EASY + 10 * seed + 2 * number + 1, parent, chosen, arguments.sensor
+                )
                 yield EASY, case.name, case, UniformPrior("upright"), chosen
     for family in arguments.families:
         settings = changed(chosen, STATED.get(family, {}))
-        case, prior = hard.load_hard(family, seed, parent, settings)
+        case, prior = hard.load_hard(family, seed, parent, settings, sensor=arguments.sensor)
         yield HARD, case.name, case, prior, settings
         others = [other for other in arguments.families if not _alike(family, other)]
         if others:
@@ -131,7 +133,7 @@ def _scenes(arguments: argparse.Namespace, seed: int, parent: Path, chosen: Sett
         if family in TWINNED:
             continue
         try:
-            empty = hard.load_absent(family, seed, parent, chosen, case.observation.roi)
+            empty = hard.load_absent(family, seed, parent, chosen, case.observation.roi, arguments.sensor)
         except ScanError:
             continue
         yield ABSENT, empty.name, empty, prior, chosen
@@ -271,6 +273,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--tuning", action="store_true", help="the even seeds, that constants may be chosen on")
     parser.add_argument("--first", type=int, default=0, help="an even number that the seeds begin from (default 0)")
     parser.add_argument("--no-easy", dest="easy", action="store_false", help="hard scenes only")
+    options.add_sensor(parser)
     print(report(list(study(parser.parse_args(words)))))
 
 

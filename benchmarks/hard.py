@@ -3,7 +3,8 @@
 Each is run without a prior, its region of interest the object's box and a margin. A run is right where every visible
 part is within 2 cm. A wrong run has a name by the whole-object scores of the estimate and of the polished truth: a
 failure of the search where the truth scores better, of the model where the estimate does, a tie where neither by 2 %.
-Run it: `python -m benchmarks.hard [--seeds 3] [--tuning] [--families tent lamp] [--margin 0.15]`.
+Run it: `python -m benchmarks.hard [--seeds 3] [--tuning] [--families tent lamp] [--margin 0.15]
+[--sensor stereo]`.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.scene.urdf import load_model
 from pmpnbp.settings import SessionOptions, Settings
 from sample_data.scan_folders import ROI_MARGIN
-from sample_data.scenes import write_scene
+from sample_data.scenes import Scene, write_scene
 
 TOLERANCE = 0.02
 TIE = 0.02
@@ -51,10 +52,11 @@ class HardRun:
 
 
 def load_hard(
-    family: str, seed: int, parent: Path, settings: Settings, margin: float | None = MARGIN
+    family: str, seed: int, parent: Path, settings: Settings, margin: float | None = MARGIN, sensor: str = Scene.sensor
 ) -> tuple[Case, UniformPrior]:
-    """The scene made ready, and its prior. margin : metres about the object's box; None looks everywhere."""
-    made, folder = hard_scene(family, seed), parent / f"{family}_{seed}"
+    """The scene made ready, and its prior. margin : metres about the object's box; None looks everywhere; sensor : the
+    camera's kind."""
+    made, folder = hard_scene(family, seed, sensor), parent / f"{family}_{seed}"
     rng = np.random.default_rng([21, list(FAMILIES).index(family), seed])
     write_hard(folder, made, rng)
     grown = None if margin is None else load_roi(folder) + np.repeat([-1.0, 1.0], 3) * (margin - ROI_MARGIN)
@@ -62,10 +64,12 @@ def load_hard(
     return load_case(folder.name, model, folder, grown, settings), UniformPrior(made.orientation)
 
 
-def load_absent(family: str, seed: int, parent: Path, settings: Settings, roi: Array | None) -> Case:
+def load_absent(
+    family: str, seed: int, parent: Path, settings: Settings, roi: Array | None, sensor: str = Scene.sensor
+) -> Case:
     """The scene without its object, looked for in `roi` (6,), metres, world, all the same. Raises ScanError where
     nothing is left to look at."""
-    made = hard_scene(family, seed)
+    made = hard_scene(family, seed, sensor)
     below = made.scene.pose_world_base + np.array([0.0, 0.0, -AWAY, 0.0, 0.0, 0.0, 0.0])
     folder = parent / f"{family}_{seed}_absent"
     rng = np.random.default_rng([22, list(FAMILIES).index(family), seed])
@@ -91,6 +95,7 @@ def study(
     particles: int,
     iterations: int,
     margin: float | None,
+    sensor: str = Scene.sensor,
     method: str = SessionOptions.method,
 ) -> Iterator[HardRun]:
     """All runs, family by family."""
@@ -98,7 +103,7 @@ def study(
     with tempfile.TemporaryDirectory() as parent:
         for family in families:
             for seed in seeds:
-                case, prior = load_hard(family, seed, Path(parent), settings, margin)
+                case, prior = load_hard(family, seed, Path(parent), settings, margin, sensor)
                 if not warm:
                     warm_kernels(case, settings, method)
                     warm = True
@@ -159,6 +164,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser = options.parser("success on hard scenes", seeds=3, iterations=100)
     parser.add_argument("--families", nargs="*", choices=list(FAMILIES), default=list(FAMILIES))
     parser.add_argument("--tuning", action="store_true", help="the even seeds, that settings may be chosen on")
+    options.add_sensor(parser)
     parser.add_argument("--margin", type=float, default=MARGIN, help="metres about the object; below 0: no region")
     arguments = parser.parse_args(words)
     seeds = range(0 if arguments.tuning else 1, 2 * arguments.seeds, 2)
@@ -169,6 +175,7 @@ def main(words: Sequence[str] | None = None) -> None:
         particles=arguments.particles,
         iterations=arguments.iterations,
         margin=None if arguments.margin < 0 else arguments.margin,
+        sensor=arguments.sensor,
         method=arguments.method,
     )
     print(report(list(runs)))

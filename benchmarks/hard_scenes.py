@@ -99,9 +99,11 @@ def pliers(length: float) -> str:
     return robot("pliers", elements)
 
 
-def hard_scene(family: str, seed: int) -> HardScene:
-    """The scene of a family and a seed. Raises KeyError for a family that is none of FAMILIES."""
-    return FAMILIES[family](np.random.default_rng([20, list(FAMILIES).index(family), seed]))
+def hard_scene(family: str, seed: int, sensor: str = Scene.sensor) -> HardScene:
+    """The scene of a family and a seed, before a kind of camera, one of `sensor.KINDS`. Raises KeyError for a family
+    that is none of FAMILIES."""
+    made = FAMILIES[family](np.random.default_rng([20, list(FAMILIES).index(family), seed]))
+    return replace(made, scene=replace(made.scene, sensor=sensor))
 
 
 def hidden_drawer(number: int) -> HardScene:

@@ -21,7 +21,7 @@ from benchmarks.trials import Case, Trial, load_case, load_roi, run_trial, warm_
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior, load_prior
 from pmpnbp.scene.urdf import load_model
 from pmpnbp.settings import SessionOptions, Settings
-from sample_data.scenes import held_out_scene
+from sample_data.scenes import Scene, held_out_scene
 
 FIRST_SEED = 100
 SCENES = {"cabinet": 10, "door": 8, "chain": 8}
@@ -40,9 +40,11 @@ class Run:
     trial: Trial
 
 
-def load_scene(kind: str, number: int, parent: Path, settings: Settings) -> tuple[Case, GaussianPrior]:
-    """The random scene `number` of a kind, written below `parent`, with its rough prior."""
-    folder = held_out_scene(kind, number, parent)
+def load_scene(
+    kind: str, number: int, parent: Path, settings: Settings, sensor: str = Scene.sensor
+) -> tuple[Case, GaussianPrior]:
+    """The random scene `number` of a kind before a kind of camera, written below `parent`, with its rough prior."""
+    folder = held_out_scene(kind, number, parent, sensor)
     model = load_model(folder / "model.urdf", triangle_budget=settings.triangles)
     prior = load_prior(folder / "prior.json", model)
     assert isinstance(prior, GaussianPrior)
@@ -55,6 +57,7 @@ def study(
     iterations: int,
     particles: int,
     settings: Settings,
+    sensor: str = Scene.sensor,
     method: str = SessionOptions.method,
 ) -> Iterator[Run]:
     """All runs on as many scenes of each kind as `scenes` says."""
@@ -62,7 +65,7 @@ def study(
     with tempfile.TemporaryDirectory() as parent:
         for kind, count in scenes.items():
             for number in range(FIRST_SEED, FIRST_SEED + count):
-                case, prior = load_scene(kind, number, Path(parent), settings)
+                case, prior = load_scene(kind, number, Path(parent), settings, sensor)
                 if not warm:
                     warm_kernels(case, settings, method)
                     warm = True
@@ -115,10 +118,13 @@ def main(words: Sequence[str] | None = None) -> None:
     parser = options.parser("success on random scenes", seeds=1, iterations=100)
     for kind, count in SCENES.items():
         parser.add_argument(f"--{kind}s", type=int, default=count, help=f"scenes with a {kind} (default {count})")
+    options.add_sensor(parser)
     arguments = parser.parse_args(words)
     scenes = {kind: getattr(arguments, f"{kind}s") for kind in SCENES}
     chosen = options.settings(arguments)
-    runs = study(scenes, arguments.seeds, arguments.iterations, arguments.particles, chosen, arguments.method)
+    runs = study(
+        scenes, arguments.seeds, arguments.iterations, arguments.particles, chosen, arguments.sensor, arguments.method
+    )
     print(report(list(runs)))
 
 

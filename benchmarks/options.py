@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 
 from pmpnbp.settings import METHODS, SessionOptions, Settings, changed, preset
+from sample_data.scenes import Scene
+from sample_data.sensor import KINDS
 
 
 def parser(description: str, *, seeds: int, iterations: int) -> argparse.ArgumentParser:
@@ -22,6 +24,13 @@ def parser(description: str, *, seeds: int, iterations: int) -> argparse.Argumen
         "--config", action="append", default=[], metavar="NAME=VALUE", help="a setting other than the preset's"
     )
     return options
+
+
+def add_sensor(parser: argparse.ArgumentParser) -> None:
+    """The option by which a study's scenes are seen by another camera."""
+    parser.add_argument(
+        "--sensor", choices=KINDS, default=Scene.sensor, help="kind of the camera in the scenes (default %(default)s)"
+    )
 
 
 def settings(arguments: argparse.Namespace) -> Settings:

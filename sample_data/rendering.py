@@ -159,17 +159,18 @@ def render_scan(
     rng: np.random.Generator,
     folder: Path | None = None,
     dark: Sequence[str] = (),
+    kind: str = "structured_light",
 ) -> tuple[NDArray[np.uint16], Truth]:
     """A scan of the object among `clutter` (everything else: floor, wall, occluders; meshes in world).
 
     joint_positions : by name, those not named at 0; pose_world_base : (7,) of the URDF's root link; folder : where the
-    URDF's meshes lie; dark : links that are measured in patches only. Returns depth (height, width), uint16
-    millimetres, 0 where nothing was measured; and the truth.
+    URDF's meshes lie; dark : links that are measured in patches only; kind : of depth camera, one of `sensor.KINDS`.
+    Returns depth (height, width), uint16 millimetres, 0 where nothing was measured; and the truth.
     """
     model = load(urdf, folder)
     surfaces = posed(urdf, joint_positions, pose_world_base, folder)
     seen = cast([*surfaces.values(), *clutter], camera)
-    depth = sensor.measured(seen.depth, seen.cosine, rng)
+    depth = sensor.measured(seen.depth, seen.cosine, rng, kind)
     if dark:
         numbers = [index for index, name in enumerate(surfaces) if name in dark]
         depth[sensor.lost_in_patches(np.isin(seen.index, numbers), rng)] = 0

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -48,7 +48,7 @@ class Scene:
 
     joint_positions : by name, metres or radians; pose_world_base : (7,) of the URDF's root link
     clutter : everything else, meshes in world; folder : where the URDF's meshes lie, if it has any
-    dark : links of which a depth camera sees patches only
+    dark : links of which a depth camera sees patches only; sensor : its kind, one of `sensor.KINDS`
     """
 
     urdf: str
@@ -58,6 +58,7 @@ class Scene:
     clutter: tuple[trimesh.Trimesh, ...]
     folder: Path | None = None
     dark: tuple[str, ...] = ()
+    sensor: str = "structured_light"
 
 
 SceneBuilder = Callable[[np.random.Generator], Scene]
@@ -83,6 +84,7 @@ def write_scene(folder: Path, scene: Scene, rng: np.random.Generator) -> Truth:
         rng,
         scene.folder,
         scene.dark,
+        scene.sensor,
     )
     write_scan(folder, depth, scene.camera, truth)
     return truth
@@ -206,11 +208,12 @@ KINDS: dict[str, Callable[[int], tuple[str, SceneBuilder]]] = {
 }
 
 
-def held_out_scene(kind: str, seed: int, parent: Path | None = None) -> Path:
+def held_out_scene(kind: str, seed: int, parent: Path | None = None, sensor: str = Scene.sensor) -> Path:
     """Write a random scene: model.urdf, depth.png, camera.json, truth.json, roi.json and a rough prior.json (8 cm
     and 8.6 degrees per axis on the root link).
 
-    kind : cabinet, door or chain; parent : where the folder `kind_seed` is made, by default a fresh temporary folder.
+    kind : cabinet, door or chain; parent : where the folder `kind_seed` is made, by default a fresh temporary folder;
+    sensor : the kind of the camera, one of `sensor.KINDS`.
     Returns that folder. Raises ValueError for another kind.
     """
     if kind not in KINDS:
@@ -218,7 +221,7 @@ def held_out_scene(kind: str, seed: int, parent: Path | None = None) -> Path:
     folder = (parent or Path(tempfile.mkdtemp())) / f"{kind}_{seed}"
     urdf, build = KINDS[kind](seed)
     rng = np.random.default_rng([13, list(KINDS).index(kind), seed])
-    scene = build(rng)
+    scene = replace(build(rng), sensor=sensor)
     write_scene(folder, scene, rng)
     (folder / "model.urdf").write_text(urdf)
     write_prior(folder / "prior.json", load(urdf).base_link, scene.pose_world_base, rng)

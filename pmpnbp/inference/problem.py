@@ -29,8 +29,7 @@ from pmpnbp.settings import Schedule, SessionOptions, Settings, check_method, sc
 
 # A smooth surface this many times longer than the object is none of its own.
 LONGER = 1.15
-# The root and the part farthest from it have as many joints between them at least where chains are grown; and where
-# they may be, when the search is made again.
+# Joints between the root and the part farthest from it from which on chains are grown; and may be in a search anew.
 LONG_CHAIN, CHAIN = 10, 3
 # Standard deviations of a prior, metres and radians, up to which it is narrow; and the share of iterations and of
 # the proposals of a search that it leaves.
@@ -48,7 +47,7 @@ class Problem:
     joint_prior : mean and standard deviation of the joint coordinates that the prior names
     joint_turns : (D,) whether a coordinate is an angle
     method : one of `settings.METHODS`
-    noise : (V,) standard deviation of each view's depths at the object, metres, see `scene/depth_noise.py`
+    noise, noise_area : (V,) of each view's depths, deviations in metres, and pixels, see `scene/depth_noise.py`
     unit_distance : metres from the cameras to what may be the object, in the median: a pixel there counts 1
     nuisance_std : (K,) prior standard deviations of the nuisances, see `potentials/nuisances.py`; 0 is fixed
     nuisance_levers : (K,) metres that the object's surface moves for one unit of each
@@ -70,6 +69,7 @@ class Problem:
     joint_turns: NDArray[np.bool_]
     method: str
     noise: Array
+    noise_area: Array
     unit_distance: float
     nuisance_std: Array
     nuisance_levers: Array
@@ -250,6 +250,7 @@ def build(
     distances = np.array([view.distance or 1.0 for view in views])
     levers = nuisances.levers(distances, _lengths(model))
     nuisance_std = nuisances.prior_stds(settings, levers, len(views))
+    noises = [depth_noise(view, settings.sensor) for view in views]
     return Problem(
         mrf=mrf,
         observation=observation,
@@ -263,7 +264,8 @@ def build(
         joint_prior=known,
         joint_turns=turns,
         method=method,
-        noise=np.array([depth_noise(view, settings.sensor) for view in views]),
+        noise=np.array([noise.std for noise in noises]),
+        noise_area=np.array([noise.area for noise in noises]),
         unit_distance=float(np.median(distances)) if len(distances) else 1.0,
         nuisance_std=nuisance_std,
         nuisance_levers=levers,

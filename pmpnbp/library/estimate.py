@@ -62,7 +62,8 @@ class Estimate:
     explained : share of what should be seen that the scan confirms; effective_draws : of the posterior
     links : by name; joints : the moving ones, by name; alternatives : whole objects, heaviest first
     unknown : a sentence for each joint and turn that the scan does not tell at all
-    depth_noise : (V,) metres, standard deviation of each view's depths; nuisances : by name
+    depth_noise : (V,) metres, standard deviation of each view's depths; depth_noise_area : (V,) pixels that err as one;
+        empty in results of old; nuisances : by name
     truth : errors against the truth where that is known, as result.json has them
     """
 
@@ -86,6 +87,7 @@ class Estimate:
     alternatives: tuple[Alternative, ...]
     unknown: tuple[str, ...]
     depth_noise: Array
+    depth_noise_area: Array
     nuisances: Mapping[str, Nuisance]
     truth: Mapping[str, Any] | None
     _members: Mapping[str, Any]
@@ -203,6 +205,7 @@ def _estimate(members: Mapping[str, Any], scene: Scene | None) -> Estimate:
         alternatives=tuple(alternative_of(entry) for entry in members.get("alternatives") or ()),
         unknown=tuple(members.get("unknown") or ()),
         depth_noise=np.array(members.get("depth_noise") or (), dtype=np.float64),
+        depth_noise_area=np.array(members.get("depth_noise_area") or (), dtype=np.float64),
         nuisances={name: Nuisance(**entry) for name, entry in (members.get("nuisances") or {}).items()},
         truth=members.get("truth"),
         _members=members,

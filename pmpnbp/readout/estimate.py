@@ -104,7 +104,8 @@ class Estimate:
     """What an iteration says about the object.
 
     part_poses : (N, 7), part in world; joint_positions : (D,) the joint vector; both agree with the tree
-    depth_noise : standard deviation of each view's depths at the object, metres, that the inference goes by
+    depth_noise : standard deviation of each view's depths at the object, metres, that the inference goes by;
+        depth_noise_area : pixels of it that err as one, see `scene/depth_noise.py`
     posterior : what the scan leaves open, or None where it was not read out; alternatives : its modes, heaviest first
     unknown : a sentence for each joint and turn that the scan does not tell at all
     """
@@ -123,6 +124,7 @@ class Estimate:
     links: tuple[LinkEstimate, ...]
     joints: tuple[JointEstimate, ...]
     depth_noise: tuple[float, ...]
+    depth_noise_area: tuple[float, ...]
     nuisances: tuple[NuisanceEstimate, ...] = ()
     posterior: Posterior | None = None
     alternatives: tuple[Alternative, ...] = ()
@@ -215,6 +217,7 @@ def estimate(
         tuple(links),
         moving,
         tuple(problem.noise.tolist()),
+        tuple(problem.noise_area.tolist()),
         _nuisance_estimates(stands),
         posterior,
         _alternatives(stands),

@@ -23,7 +23,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import render, renders
-from pmpnbp.readout.image_grain import hidden_by_grain, shape, told_of_parts
+from pmpnbp.readout.image_grain import hidden_by_grain, noise_apart, shape, told_of_parts
 from pmpnbp.readout.log_posterior import confidence
 from pmpnbp.scene.observation import SUPPORT
 from pmpnbp.scene.sizes import resized
@@ -89,6 +89,7 @@ def expected_scan(problem: Problem, camera: Camera, target: Array, blocking: Arr
     given = replace(
         problem,
         noise=problem.noise[:1] * (distance / before) ** 2,
+        noise_area=problem.noise_area[:1],
         nuisance_std=stds,
         nuisance_levers=levers,
         nuisances=np.concatenate([np.zeros(len(stds) - 3), problem.mrf.model.sizes]),
@@ -144,7 +145,7 @@ def hidden(scan: ExpectedScan, probed: Probed) -> Array:
     """(T, P, P): of the T configurations the covariance by which the scan's image would hide the coordinates by its
     grain, whatever its pixels tell."""
     problem, here, finer = scan.problem, probed.parts[:, 0], float(np.sqrt(scan.share))
-    told, noise = [], float(problem.noise[0])
+    told, noise = [], float(noise_apart(problem)[0])
     for parts, maps in zip(here, _seen(scan, here, np.zeros(len(problem.nuisance_std))), strict=True):
         depth, number = render(scan.camera, problem.surfaces, maps)
         shown = (depth > 0) & (depth <= scan.hidden.reshape(depth.shape))

@@ -18,11 +18,13 @@ from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import renders
+from pmpnbp.scene.depth_noise import as_if_apart
 
 # Standard deviations: an outline's pixel is off across it by EDGE pixels; a surface's depth by FACE of what a pixel
 # measures there and by NOISY of the depths' own deviations, as neighbours err together, by steps of depth, the mesh and
-# what a pixel holds of another surface. All of an object's outlines are too far in or out by INWARD pixels, which a
-# free depth scale is taken in by. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
+# what a pixel holds of another surface; where the scan tells how many err as one, that is taken instead of NOISY. All
+# of an object's outlines are too far in or out by INWARD pixels, which a free depth scale is taken in by. Set on even
+# seeds of `benchmarks.belief`, docs/algorithm.md.
 EDGE, FACE, NOISY, INWARD = 0.5, 0.3, 1.25, 0.065
 # A part as a whole is off by so much of its radius, however many pixels tell of it, and where sizes are free by so much
 # more of what they may be: sizes along three axes are not all that may be wrong of a model.
@@ -53,6 +55,7 @@ def grain(problem: Problem, root: Array, joints: Array) -> Array:
     told, away = np.zeros((mrf.nodes, 6, 6)), np.zeros((3, 3))
     scale_stds, _, _ = nuisances.split(problem.nuisance_std, len(problem.observation.views))
     middles = poses.transform_points(here, mrf.centres)
+    noise = noise_apart(problem)
     reach = float((np.linalg.norm(middles - middles.mean(axis=0), axis=1) + mrf.radii).max())
     for place, (view, _, depth, number) in enumerate(
         renders(problem.observation, problem.surfaces, here, problem.nuisances)
@@ -60,8 +63,7 @@ def grain(problem: Problem, root: Array, joints: Array) -> Array:
         if view.distance <= 0:
             continue
         near = (depth > 0) & (view.depth > 0) & (np.abs(view.depth - depth) < problem.tolerance_end)
-        noise = float(problem.noise[place])
-        told += told_of_parts(view.camera, depth, number, near, middles, problem.tolerance_end, noise)
+        told += told_of_parts(view.camera, depth, number, near, middles, problem.tolerance_end, float(noise[place]))
         # what seems smaller by its outlines seems farther off
         gap = middles.mean(axis=0) - np.asarray(view.camera.pose_world_camera)[:3]
         footprint = view.distance / view.camera.fx
@@ -73,6 +75,11 @@ def grain(problem: Problem, root: Array, joints: Array) -> Array:
     (found,) = hidden_by_grain(mrf, parts[None], np.full((1, size), LITTLE), told[None], shape(problem))
     found[:3, :3] += away / max(len(problem.observation.views), 1) ** 2
     return found
+
+
+def noise_apart(problem: Problem) -> Array:
+    """(V,) metres: the noise of depths that each err on their own and tell as much as the views' do."""
+    return as_if_apart(problem.noise, problem.noise_area, NOISY)
 
 
 def shape(problem: Problem) -> Array:
@@ -93,7 +100,8 @@ def told_of_parts(
     """(N, 6, 6) Fisher information of parts' translations, metres, and rotation vectors about their `middles` (N, 3) in
     world: what those pixels of a render tell that are `shown` (h, w).
 
-    depth, number : (h, w) of the render, metres and parts; tolerance, noise : metres
+    depth, number : (h, w) of the render, metres and parts; tolerance : metres; noise : metres, of a depth that errs on
+    its own
     finer : the pixels of the image that is scored are so many times narrower than the camera's
     """
     (row, column), across = outlines(depth, shown, tolerance)
@@ -104,7 +112,7 @@ def told_of_parts(
     found = _gathered(camera, depth, number, (row, column), np.sqrt(finer) * aside / off, middles)
     (row, column), normals = facing(camera, depth, number, shown)
     z = depth[row, column, None].astype(np.float64)
-    off = np.hypot(FACE * z / camera.fx / finer, NOISY * noise)
+    off = np.hypot(FACE * z / camera.fx / finer, noise)
     return found + _gathered(camera, depth, number, (row, column), finer * z * normals / off, middles)
 
 

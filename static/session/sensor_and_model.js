@@ -1,14 +1,20 @@
-// How noisy are the depths, and what have sensor and model wrong everywhere? Rows of texts: what it is, what it is taken
+// How noisy are the depths, and of how many pixels at once, and what have sensor and model wrong everywhere? Rows of texts: what it is, what it is taken
 // for, how sure that is, and how sure it was before the scan.
 
 import { degrees, fineCentimetres, percent } from "./format.js";
 
 const AXES = { rx: "turn about x", ry: "turn about y", rz: "turn about z" };
 
-export function sensorAndModel({ depth_noise: noise, nuisances }) {
+export function sensorAndModel({ depth_noise: noise, depth_noise_area: areas, nuisances }) {
   const many = noise.length > 1;
   const view = (index) => (many ? `, view ${index}` : "");
-  const depths = noise.map((std, index) => [`depth noise${view(index)}`, "–", `± ${fineCentimetres(std)}`, ""]);
+  const together = (area) => (area > 1 ? `, ${area.toFixed(1)} pixels as one` : "");
+  const depths = noise.map((std, index) => [
+    `depth noise${view(index)}${together(areas[index])}`,
+    "–",
+    `± ${fineCentimetres(std)}`,
+    "",
+  ]);
   const others = Object.entries(nuisances).map(([name, { value, std, prior_std: before }]) => {
     const [kind, ...rest] = name.split("/"); // a part's name may have a slash itself
     if (kind === "camera") {

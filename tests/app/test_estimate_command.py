@@ -75,6 +75,7 @@ def checked(result: dict[str, Any], method: str = "pmpnbp") -> None:
         "alternatives",
         "unknown",
         "depth_noise",
+        "depth_noise_area",
         "nuisances",
     ]
     assert (result["schema"], result["model"], result["method"]) == ("pmpnbp/estimate-2", "cabinet", method)

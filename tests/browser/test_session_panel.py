@@ -113,7 +113,11 @@ def test_what_sensor_and_model_have_wrong(page: Page, served: Served) -> None:
     opened(page, served, session)
     rows = page.get_by_role("table", name="Sensor and model").get_by_role("row")
     expect(rows).to_have_count(3)
+    expect(rows.nth(1).get_by_role("rowheader")).to_have_text("depth noise")
     expect(rows.nth(1).get_by_role("cell")).to_have_text(["–", f"± {written(found['depth_noise'][0])}", ""])
+    shared = "import('/static/session/sensor_and_model.js').then((the) => the.sensorAndModel(told)[0][0])"
+    told = found | {"depth_noise_area": [7.53]}
+    assert page.evaluate(f"(told) => {shared}", told) == "depth noise, 7.5 pixels as one"
     # adding zero takes the sign from a zero
     value = f"{round(100 * scale['value'], 2) + 0.0:.2f}".replace("-", "\u2212")
     expect(rows.nth(2).get_by_role("cell")).to_have_text(

@@ -135,7 +135,7 @@ def test_pixels_tell_how_far_their_part_is_off_in_their_own_direction() -> None:
     face, normals = facing(camera, depth, number, shown)
     # a ray meets the plane n . p = 1 that has moved along with the point nearer or farther off by so much of its depth
     gather(face, lambda place, before, after: float(normals[place] @ (after - before) * before[2]), 0.0)
-    found = told_of_parts(camera, depth, number, shown, middles, made.tolerance_end, 0.002)
+    found = told_of_parts(camera, depth, number, shown, middles, made.tolerance_end, NOISY * 0.002)
     scale = np.sqrt(np.maximum(np.einsum("nii->ni", expected), 1e-9))
     np.testing.assert_allclose(
         found / scale[:, :, None] / scale[:, None], expected / scale[:, :, None] / scale[:, None], atol=2e-3
@@ -154,7 +154,7 @@ def test_a_coarser_render_tells_what_the_image_would() -> None:
         (view.camera.binned(0, 0, 2, view.camera.width // 2, view.camera.height // 2), 2.0),
     ):
         depth, number = render(camera, made.surfaces, here)
-        told.append(told_of_parts(camera, depth, number, depth > 0, middles, made.tolerance_end, 0.002, finer))
+        told.append(told_of_parts(camera, depth, number, depth > 0, middles, made.tolerance_end, NOISY * 0.002, finer))
     ratio = np.divide(*(np.einsum("nii->ni", each) for each in told))
     # boards' edges are a pixel or two wide, and have fewer of them in proportion
     assert abs(np.median(ratio) - 1) < 0.1
@@ -263,11 +263,23 @@ def test_two_views_have_their_own_grain_each(monkeypatch: pytest.MonkeyPatch) ->
         observation=replace(made.observation, views=(view, view)),
         nuisance_std=np.zeros(17),
         noise=np.tile(made.noise, 2),
+        noise_area=np.tile(made.noise_area, 2),
     )
     one, both = (np.diag(grain(each, root, joints)) for each in (made, twice))
     assert np.all(both < one) and np.all(both > one / 2)
     monkeypatch.setattr(image_grain, "WHOLE", 0.0)
     np.testing.assert_allclose(grain(twice, root, joints), grain(made, root, joints) / 2, rtol=1e-6, atol=1e-15)
+
+
+def test_pixels_that_err_together_tell_as_much_as_fewer_do() -> None:
+    """As pixels that each err on their own do with so much more noise, which NOISY says as long as nothing is known."""
+    made, root, joints = looked_at((0.0, 0.0, 0.7))
+    known, noisier, apart = (
+        grain(replace(made, noise=np.array([noise]), noise_area=np.array([area])), root, joints)
+        for noise, area in ((0.001, 9.0), (0.001 * 3.0 / NOISY, 1.0), (0.001, 1.0))
+    )
+    np.testing.assert_allclose(known, noisier, rtol=1e-9)
+    assert np.all(np.diag(known) > np.diag(apart))
 
 
 def test_a_free_depth_scale_lets_the_object_be_nearer_or_farther() -> None:

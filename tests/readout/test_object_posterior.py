@@ -72,6 +72,15 @@ def test_a_joint_s_posterior_is_that_on_a_grid(name: str, longest: float) -> Non
         assert abs(measured.mean() - expected) < 5 * measured.std(ddof=1) / np.sqrt(len(found)), (measured, expected)
 
 
+def test_a_pixel_counts_less_where_many_err_as_one() -> None:
+    """By hand: the variance of its Gaussian is the floor's and the noise's, times what the scan tells of how many."""
+    made = looked_at(pinned())
+    for noise, area, times in ((0.005, 1.0, log_posterior.SHARED), (0.005, 9.0, 3.0), (0.005, 2.0, np.sqrt(2.0))):
+        given = replace(made, noise=np.array([noise]), noise_area=np.array([area]))
+        variance = log_posterior.FLOOR**2 + (times * noise) ** 2
+        assert log_posterior.confidence(given) == pytest.approx(made.tolerance_end**2 / 2 / variance)
+
+
 def frozen(model: ArticulatedObject, joints: Array, longest: float) -> ArticulatedObject:
     """The model with its slide so long, metres, and its hinge kept within a hundredth of a degree."""
     lower, upper = model.lower.copy(), model.upper.copy()

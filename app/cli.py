@@ -23,7 +23,7 @@ from app.option_values import OPTIONS, assignment, option, server_value, whole, 
 from app.server_config import ServerConfig, environment_name
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.importing import many_modules
-from pmpnbp.settings import SessionOptions
+from pmpnbp.settings import SENSORS, SessionOptions
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
 EXPERIMENTS = ("convergence", "occlusion", "robot", "planning", "push")
@@ -232,6 +232,7 @@ def _add_calibrate(commands: argparse._SubParsersAction[_Parser]) -> None:
     read, metavar = OPTIONS["roi"]
     add("--roi", type=read, metavar=metavar, help="m, world: where the object is; default: a box that it has room in")
     add("--prior", type=Path, metavar="FILE", help="prior.json; default: upright, anywhere in the region, any yaw")
+    add("--sensor", choices=SENSORS, default=SENSORS[0], help="kind of the camera; default: %(default)s")
     add("--runs", type=whole(1, 100_000), default=200, metavar="N", help="scenes; default: %(default)s")
     add("--seed", type=whole(0, 2**31), default=0, metavar="N", help="the first scene's; default: %(default)s")
     _add_session_options(command, ("particles", "iterations", "max_std"))

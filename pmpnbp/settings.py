@@ -18,6 +18,8 @@ from pmpnbp.errors import SettingError
 # How an inference is made: the paper's algorithm boxes 1 and 2, or the particle filter it compares them with.
 Method = Literal["pmpnbp", "particle_filter"]
 METHODS: tuple[str, ...] = get_args(Method)
+# Kinds of depth cameras.
+SENSORS = ("structured_light", "time_of_flight", "stereo")
 
 
 def _setting(
@@ -85,7 +87,7 @@ class Settings:
         "estimated",
         "",
         "how noisy depths are: as the scan's own surfaces say, or as is usual of such a sensor",
-        choices=("estimated", "structured_light", "time_of_flight", "stereo"),
+        choices=("estimated", *SENSORS),
     )
     free_space_cost: float = _setting(1.0, "", "cost of a pixel where the scan sees through the surface", low=0)
     occlusion_cost: float = _setting(0.02, "", "cost of a pixel where something stands before the surface", low=0)

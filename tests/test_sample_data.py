@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from scipy import ndimage
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
@@ -248,6 +249,38 @@ def test_sensor_noise_has_the_stated_spread() -> None:
         # Where a step is wide beside sigma the quantisation error is not uniform: allow for it.
         assert np.std(valid) == pytest.approx(expected, rel=0.15)
         assert 0.985 < valid.size / flat.size < 0.995
+
+
+@pytest.mark.parametrize("window", [3, 12])
+def test_stereo_s_neighbours_err_together(window: int) -> None:
+    """A mean over a window narrower than matching's is off by nearly as much as a pixel is, over a wider one by less.
+    False-alarm rate: below 1e-6 (of some 400 windows that tell on their own a deviation scatters by 4 %)."""
+    rng, z = np.random.default_rng(0), 1.5
+    measured = sensor.measured(np.full((400, 400), z), np.ones((400, 400)), rng, "stereo") / 1000
+    off = np.where(measured > 0, measured - z, 0.0)
+    pixel = z**2 / sensor.STEREO_FOCAL_BASELINE * np.hypot(sensor.SHARED_SIGMA, sensor.OWN_SIGMA)
+    assert off[measured > 0].std() == pytest.approx(pixel, rel=0.1)
+    mean = ndimage.uniform_filter(off, window)[::window, ::window].std()
+    assert (0.8 * pixel < mean < pixel) if window == 3 else (1.5 / window * pixel < mean < 0.7 * pixel)
+
+
+def test_time_of_flight_s_pixels_fly_between_the_sides_of_an_outline() -> None:
+    rng = np.random.default_rng(0)
+    depth = np.where(np.arange(100) < 50, 1.0, 2.0) * np.ones((400, 1))
+    measured = sensor.measured(depth, np.ones_like(depth), rng, "time_of_flight") / 1000
+    between = (measured > 1.1) & (measured < 1.9)
+    assert between[:, 49:51].mean() == pytest.approx(0.8 * sensor.FLYING, abs=0.1)
+    assert not between[:, :48].any() and not between[:, 52:].any()
+
+
+@pytest.mark.parametrize("kind", ["stereo", "time_of_flight"])
+def test_no_sensor_measures_what_no_ray_meets_or_grazes(kind: str) -> None:
+    rng = np.random.default_rng(1)
+    depth = np.where(np.arange(100) < 50, 1.0, 0.0) * np.ones((100, 1))
+    cosine = np.where(np.arange(100) < 20, np.cos(np.deg2rad(81)), 1.0) * np.ones((100, 1))
+    lost = sensor.measured(depth, cosine, rng, kind) == 0
+    assert lost[:, :20].all() and lost[:, 50:].all()
+    assert lost[:, 25:45].mean() < 0.2
 
 
 def test_sensor_loses_edges_and_grazing_surfaces() -> None:

@@ -30,6 +30,7 @@ def run(arguments: argparse.Namespace) -> None:
         particles=arguments.particles,
         iterations=arguments.iterations,
         max_std=arguments.max_std,
+        sensor=arguments.sensor,
     )
     scenes.draw(task, arguments.seed)  # where the object cannot be placed, it is told before anything is written
     options = Options(
@@ -66,6 +67,6 @@ def command_line(arguments: argparse.Namespace) -> tuple[str, ...]:
             words += [f"--{name}", str(getattr(arguments, name))]
     if arguments.roi is not None:
         words.append(f"--roi={','.join(f'{number:g}' for number in arguments.roi)}")
-    for name in ("runs", "seed", "particles", "iterations", "max_std"):
+    for name in ("runs", "seed", "particles", "iterations", "max_std", "sensor"):
         words += [f"--{name.replace('_', '-')}", str(getattr(arguments, name))]
     return tuple(words)

@@ -102,8 +102,8 @@ def _setting_section(task: Task) -> str:
         f"- The object {known} in the region {','.join(f'{x:.3f}' for x in task.region)} (metres, world), its joints "
         f"anywhere within their limits; at least half of it in the picture.",
         f"- A camera of {camera.width}x{camera.height} pixels, focal length {camera.fx:.0f}, at {eye}; the noise of "
-        f"structured light; a floor right below the object, a wall behind the region. No clutter, no wrong model, no "
-        f"bias: those are not in these figures.",
+        f"{task.sensor.replace('_', ' ')}; a floor right below the object, a wall behind the region. No clutter, no "
+        f"wrong model, no bias: those are not in these figures.",
         f"- {task.particles} particles, {task.iterations} iterations at most; certain at {1000 * task.max_std:g} mm.",
     ]
     return "\n".join(lines)

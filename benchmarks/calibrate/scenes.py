@@ -61,7 +61,7 @@ def draw(task: Task, seed: int, *, absent: bool = False) -> Scene:
         around = _room(rng, task, foot)
         if absent:
             surfaces, around = {}, [*around, *_boxes(rng, task, foot, np.ptp(corners, axis=0))]
-        depth, visible, alone = robot_scan.measured(surfaces, around, task.camera, rng)
+        depth, visible, alone = robot_scan.measured(surfaces, around, task.camera, rng, task.sensor)
         if absent or sum(visible[name] * alone[name] for name in visible) >= FEWEST:
             scan = Scan(task.camera, (depth / 1000.0).astype(np.float32))
             return Scene(scan, root, joints, np.array([visible.get(part.name, 0.0) for part in model.parts]))

@@ -28,7 +28,7 @@ from pmpnbp.scene.camera_file import load_camera
 from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior, load_prior
 from pmpnbp.scene.urdf import load_model
-from pmpnbp.settings import SessionOptions, Settings
+from pmpnbp.settings import SENSORS, SessionOptions, Settings
 from sample_data.surroundings import looking_at
 
 # Draws of the object by which room is laid out, and by how much the region is larger than the largest of them, in its
@@ -41,8 +41,8 @@ AZIMUTH, ELEVATION, DISTANCE = 30.0, 30.0, 1.9
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """archive : the model as a zip, `name` the file's; region : (6,) x0 y0 z0 x1 y1 z1, metres, world; the rest as
-    `pmpnbp estimate` has it."""
+    """archive : the model as a zip, `name` the file's; region : (6,) x0 y0 z0 x1 y1 z1, metres, world; sensor : the
+    camera's kind, one of `sample_data.sensor.KINDS`; the rest as `pmpnbp estimate` has it."""
 
     archive: bytes
     name: str
@@ -53,6 +53,7 @@ class Task:
     particles: int = SessionOptions.particles
     iterations: int = SessionOptions.iterations
     max_std: float = SessionOptions.max_std
+    sensor: str = SENSORS[0]
 
     @property
     def model(self) -> ArticulatedObject:
@@ -68,7 +69,7 @@ class Task:
     def digest(self) -> str:
         """What changes with any of it, so that runs of another task are not taken for runs of this one."""
         prior = self.prior if isinstance(self.prior, UniformPrior) else asdict(self.prior)
-        numbers = [self.settings, self.particles, self.iterations, self.max_std, prior]
+        numbers = [self.settings, self.particles, self.iterations, self.max_std, prior, self.sensor]
         camera = asdict(self.camera)
         text = json.dumps([str(numbers), {name: np.asarray(value).tolist() for name, value in camera.items()}])
         return sha256(self.archive + text.encode() + self.region.tobytes()).hexdigest()[:16]
@@ -84,6 +85,7 @@ def task_of(
     particles: int = SessionOptions.particles,
     iterations: int = SessionOptions.iterations,
     max_std: float = SessionOptions.max_std,
+    sensor: str = SENSORS[0],
 ) -> Task:
     """The task that files and options make. Raises PmpnbpError where they make none."""
     model = load_model(model_file, triangle_budget=settings.triangles)
@@ -105,6 +107,7 @@ def task_of(
         particles=particles,
         iterations=iterations,
         max_std=max_std,
+        sensor=sensor,
     )
 
 

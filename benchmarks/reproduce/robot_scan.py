@@ -21,6 +21,7 @@ from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.urdf import load_model
+from pmpnbp.settings import SENSORS
 from sample_data import sensor, surroundings
 from sample_data.rendering import Truth, bounds, cast, covered_pixels
 from sample_data.scan_folders import write_scan
@@ -73,13 +74,17 @@ def posed(model: ArticulatedObject, part_poses: Array) -> dict[str, trimesh.Trim
 
 
 def measured(
-    surfaces: dict[str, trimesh.Trimesh], around: Sequence[trimesh.Trimesh], camera: Camera, rng: np.random.Generator
+    surfaces: dict[str, trimesh.Trimesh],
+    around: Sequence[trimesh.Trimesh],
+    camera: Camera,
+    rng: np.random.Generator,
+    kind: str = SENSORS[0],
 ) -> tuple[NDArray[np.uint16], dict[str, float], dict[str, int]]:
-    """What the sensor makes of surfaces, in world, among what is `around` them: depth (height, width), millimetres, 0
-    where nothing was measured; and by name the share of the pixels that each would cover alone in which it is measured,
-    and how many these are."""
+    """What a `kind` of sensor makes of surfaces, in world, among what is `around` them: depth (height, width),
+    millimetres, 0 where nothing was measured; and by name the share of the pixels that each would cover alone in which
+    it is measured, and how many these are."""
     seen = cast([*surfaces.values(), *around], camera)
-    depth = sensor.measured(seen.depth, seen.cosine, rng)
+    depth = sensor.measured(seen.depth, seen.cosine, rng, kind)
     alone = {name: covered_pixels(surface, camera) for name, surface in surfaces.items()}
     visible = {
         name: float(np.sum((seen.index == index) & (depth > 0)) / max(alone[name], 1))

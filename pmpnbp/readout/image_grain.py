@@ -18,13 +18,12 @@ from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import renders
-from pmpnbp.scene.depth_noise import as_if_apart
+from pmpnbp.scene.depth_noise import told_noise
 
 # Standard deviations: an outline's pixel is off across it by EDGE pixels; a surface's depth by FACE of what a pixel
 # measures there and by NOISY of the depths' own deviations, as neighbours err together, by steps of depth, the mesh and
-# what a pixel holds of another surface; where the scan tells how many err as one, that is taken instead of NOISY. All
-# of an object's outlines are too far in or out by INWARD pixels, which a free depth scale is taken in by. Set on even
-# seeds of `benchmarks.belief`, docs/algorithm.md.
+# what a pixel holds of another surface. All of an object's outlines are too far in or out by INWARD pixels, which a
+# free depth scale is taken in by. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
 EDGE, FACE, NOISY, INWARD = 0.5, 0.3, 1.25, 0.065
 # A part as a whole is off by so much of its radius, however many pixels tell of it, and where sizes are free by so much
 # more of what they may be: sizes along three axes are not all that may be wrong of a model.
@@ -79,7 +78,7 @@ def grain(problem: Problem, root: Array, joints: Array) -> Array:
 
 def noise_apart(problem: Problem) -> Array:
     """(V,) metres: the noise of depths that each err on their own and tell as much as the views' do."""
-    return as_if_apart(problem.noise, problem.noise_area, NOISY)
+    return NOISY * told_noise(problem.noise, problem.noise_area)
 
 
 def shape(problem: Problem) -> Array:

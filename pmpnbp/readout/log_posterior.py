@@ -11,18 +11,16 @@ from dataclasses import replace
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.unary import object_scores
-from pmpnbp.scene.depth_noise import as_if_apart
+from pmpnbp.scene.depth_noise import SHARED, told_noise
 
-# A pixel's score 1 - (d / tau)^2 counts as a Gaussian's logarithm with a standard deviation of FLOOR, metres, and so
-# many times the depths' own: pixels share their errors with their neighbours (steps of depth, outlines, the mesh), so
-# that each says less than its noise would have it; where the scan tells how many err as one, that is taken instead of
-# SHARED. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
-FLOOR, SHARED = 0.0035, 1.8
+# A pixel's score 1 - (d / tau)^2 counts as a Gaussian's logarithm with a standard deviation of FLOOR, metres, and
+# SHARED times the depths' own. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
+FLOOR = 0.0035
 
 
 def confidence(problem: Problem) -> float:
     """Nats that a pixel's score counts, at the tolerance that annealing ends at."""
-    variance = FLOOR**2 + float(as_if_apart(problem.noise, problem.noise_area, SHARED).max(initial=0.0)) ** 2
+    variance = FLOOR**2 + (SHARED * float(told_noise(problem.noise, problem.noise_area).max(initial=0.0))) ** 2
     return float(problem.tolerance_end**2 / (2 * variance))
 
 

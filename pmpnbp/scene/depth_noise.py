@@ -15,7 +15,7 @@ NORMAL_MEDIAN, SECOND_DIFFERENCE = 0.6745, 6.0
 # Standard deviation, metres, of a depth of z metres: the coefficients of 1, z and z². Structured light as Nguyen, Izadi
 # and Lovell (2012) measured it of a Kinect, time of flight as Fankhauser et al. (2015) of its successor; stereo by
 # geometry: a tenth of a pixel of disparity, 50 mm between the cameras, 600 pixels of focal length.
-SENSORS = {
+COEFFICIENTS = {
     "structured_light": (0.0015, -0.0015, 0.0019),
     "time_of_flight": (0.0015, -0.0005, 0.0003),
     "stereo": (0.0, 0.0, 0.0033),
@@ -25,6 +25,9 @@ STEP = 4.0
 # Pixels across the blocks whose means are compared; how many blocks beside one another tell enough; and how many times
 # as large as of pixels that each err on their own their variance has to be: of 388 such scans it was 2.6 at the most.
 BLOCKS, FEW, ALONE = (2, 4, 8), 30, 3.0
+# So many times a pixel's own deviation is what the posterior has it tell where each errs on its own: pixels share what
+# steps of depth, outlines and the mesh do. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
+SHARED = 1.8
 # Pixels from one to the next where neighbours err together, so that their differences have all of the error.
 LAGS = (2, 3, 4)
 
@@ -39,8 +42,8 @@ class DepthNoise(NamedTuple):
 
 
 def depth_noise(view: View, sensor: str = "estimated") -> DepthNoise:
-    """How noisy a view's depths are. sensor : one of SENSORS, which then tells the deviation, or "estimated", by the
-    view's surfaces.
+    """How noisy a view's depths are. sensor : one of COEFFICIENTS, which then tell the deviation, or "estimated", by
+    the view's surfaces.
 
     Noise of depth grows with its square, as that of a disparity does; in inverse depth, linear on planes, it is the
     same everywhere, and is what second differences of neighbours have. Their median passes over steps and bends. It
@@ -55,15 +58,15 @@ def depth_noise(view: View, sensor: str = "estimated") -> DepthNoise:
     own, _ = _deviation(inverse, 1)
     larger, area = _together(_flat(inverse, own))
     std = larger * own * view.distance**2
-    if sensor in SENSORS:
-        std = float(np.polynomial.polynomial.polyval(view.distance, SENSORS[sensor]))
+    if sensor in COEFFICIENTS:
+        std = float(np.polynomial.polynomial.polyval(view.distance, COEFFICIENTS[sensor]))
     return DepthNoise(std, area)
 
 
-def as_if_apart(stds: Array, areas: Array, otherwise: float) -> Array:
-    """(V,) deviations of pixels that each err on their own and tell as much as those of `stds` and `areas` (V,), of
-    which some err as one; `otherwise` times theirs where it is not known how many."""
-    found: Array = stds * np.where(areas > 1, np.sqrt(areas), otherwise)
+def told_noise(stds: Array, areas: Array) -> Array:
+    """(V,) deviations that the posterior goes by, a pixel telling SHARED times as much: of depths with deviations
+    `stds`, of which `areas` (V,) pixels err as one."""
+    found: Array = stds * np.where(areas > 1, np.sqrt(areas) / SHARED, 1.0)
     return found
 
 

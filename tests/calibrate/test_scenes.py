@@ -72,6 +72,14 @@ def test_an_absent_object_leaves_its_floor_and_boxes(task: Task) -> None:
     assert np.abs(scene.scan.depth - empty.scan.depth).max() > 0.05
 
 
+def test_another_kind_of_camera_measures_the_same_scene_otherwise(task: Task) -> None:
+    scene, other = scenes.draw(task, 3), scenes.draw(replace(task, sensor="stereo"), 3)
+    np.testing.assert_array_equal(other.root, scene.root)
+    both = (scene.scan.depth > 0) & (other.scan.depth > 0)
+    apart = np.abs(scene.scan.depth - other.scan.depth)[both]
+    assert 0.0005 < np.median(apart) < 0.01
+
+
 def test_without_a_camera_or_a_region_the_object_is_in_the_picture(task: Task) -> None:
     counted = [scenes.draw(task, seed).shares[0] for seed in range(5)]
     assert min(counted) > 0.5
@@ -121,8 +129,9 @@ def test_tasks_that_differ_have_other_digests(task: Task, tmp_path: Path) -> Non
         replace(task, camera=replace(task.camera, fx=520.0)),
         replace(task, archive=task.archive + b" "),
         replace(task, max_std=0.003),
+        replace(task, sensor="stereo"),
     ]
-    assert len({one.digest for one in (task, *others)}) == 6
+    assert len({one.digest for one in (task, *others)}) == 7
     assert objects.task(tmp_path).digest == task.digest
 
 

@@ -32,6 +32,7 @@ from pmpnbp.readout.image_grain import (
     told_of_parts,
 )
 from pmpnbp.scene.articulated_object import ArticulatedObject
+from pmpnbp.scene.depth_noise import SHARED
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
 
@@ -272,11 +273,11 @@ def test_two_views_have_their_own_grain_each(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_pixels_that_err_together_tell_as_much_as_fewer_do() -> None:
-    """As pixels that each err on their own do with so much more noise, which NOISY says as long as nothing is known."""
+    """As pixels that each err on their own do with so much more noise, SHARED times of which count already."""
     made, root, joints = looked_at((0.0, 0.0, 0.7))
     known, noisier, apart = (
         grain(replace(made, noise=np.array([noise]), noise_area=np.array([area])), root, joints)
-        for noise, area in ((0.001, 9.0), (0.001 * 3.0 / NOISY, 1.0), (0.001, 1.0))
+        for noise, area in ((0.001, 9.0), (0.001 * 3.0 / SHARED, 1.0), (0.001, 1.0))
     )
     np.testing.assert_allclose(known, noisier, rtol=1e-9)
     assert np.all(np.diag(known) > np.diag(apart))

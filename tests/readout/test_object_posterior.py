@@ -19,6 +19,7 @@ from pmpnbp.readout.first_proposal import CELLS, STRIDE
 from pmpnbp.readout.image_grain import grain
 from pmpnbp.readout.object_posterior import ModeDraws, mode_draws
 from pmpnbp.scene.articulated_object import ArticulatedObject
+from pmpnbp.scene.depth_noise import SHARED
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from tests.inference import small_worlds as worlds
 
@@ -75,7 +76,7 @@ def test_a_joint_s_posterior_is_that_on_a_grid(name: str, longest: float) -> Non
 def test_a_pixel_counts_less_where_many_err_as_one() -> None:
     """By hand: the variance of its Gaussian is the floor's and the noise's, times what the scan tells of how many."""
     made = looked_at(pinned())
-    for noise, area, times in ((0.005, 1.0, log_posterior.SHARED), (0.005, 9.0, 3.0), (0.005, 2.0, np.sqrt(2.0))):
+    for noise, area, times in ((0.005, 1.0, SHARED), (0.005, 9.0, 3.0), (0.005, 2.0, np.sqrt(2.0))):
         given = replace(made, noise=np.array([noise]), noise_area=np.array([area]))
         variance = log_posterior.FLOOR**2 + (times * noise) ** 2
         assert log_posterior.confidence(given) == pytest.approx(made.tolerance_end**2 / 2 / variance)

@@ -9,9 +9,10 @@ import pytest
 from scipy import ndimage
 
 from pmpnbp.geometry.camera import Camera
-from pmpnbp.scene.depth_noise import SENSORS, depth_noise
+from pmpnbp.scene.depth_noise import COEFFICIENTS, depth_noise
 from pmpnbp.scene.observation import NO_DEPTH, OBJECT, OUTSIDE, View
-from pmpnbp.settings import Settings
+from pmpnbp.settings import SENSORS, Settings
+from sample_data import sensor
 
 CAMERA = Camera(120, 90, 100.0, 100.0, 59.5, 44.5)
 
@@ -48,14 +49,14 @@ def test_it_is_that_of_the_sensor_at_the_object(rng: np.random.Generator, coeffi
 
 
 @pytest.mark.parametrize(
-    ("sensor", "near", "far"), [("structured_light", 1.9e-3, 14.1e-3), ("time_of_flight", 1.3e-3, 2.7e-3)]
+    ("kind", "near", "far"), [("structured_light", 1.9e-3, 14.1e-3), ("time_of_flight", 1.3e-3, 2.7e-3)]
 )
-def test_a_kind_of_sensor_has_its_own(rng: np.random.Generator, sensor: str, near: float, far: float) -> None:
+def test_a_kind_of_sensor_has_its_own(rng: np.random.Generator, kind: str, near: float, far: float) -> None:
     """At 1 m and at 3 m, worked out by hand from the publications' formulas, whatever the scan's own noise is."""
     for distance, expected in ((1.0, near), (3.0, far)):
         view = seen(rng, 0.03)
         view.depth[view.category == OBJECT] = distance
-        assert depth_noise(view, sensor).std == pytest.approx(expected, abs=3e-4)
+        assert depth_noise(view, kind).std == pytest.approx(expected, abs=3e-4)
 
 
 def test_stereo_grows_with_the_square_of_depth(rng: np.random.Generator) -> None:
@@ -63,9 +64,10 @@ def test_stereo_grows_with_the_square_of_depth(rng: np.random.Generator) -> None
     assert depth_noise(seen(rng, 0.001), "stereo").std == pytest.approx(1.5**2 * 0.1 / (600 * 0.05), rel=0.02)
 
 
-def test_the_sensors_are_those_of_the_setting() -> None:
+def test_the_sensors_are_those_of_the_setting_and_of_rendered_scans() -> None:
     (choices,) = [entry.metadata["choices"] for entry in fields(Settings) if entry.name == "sensor"]
-    assert set(choices) == {Settings.sensor, *SENSORS}
+    assert choices == (Settings.sensor, *SENSORS)
+    assert set(SENSORS) == set(COEFFICIENTS) == set(sensor.KINDS)
 
 
 def test_without_noise_or_object_there_is_none(rng: np.random.Generator) -> None:

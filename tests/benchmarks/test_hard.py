@@ -50,7 +50,7 @@ def test_a_failure_has_a_name(scores: tuple[float, float], cause: str) -> None:
 
 def test_the_study_reports_by_family(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--families", "open_laptop", "--seeds", "1", "--config", "search_proposals=200", "--iterations", "4"]
-    hard.main([*words, "--particles", "50"])
+    hard.main([*words, "--particles", "50", "--sensor", "stereo"])
     printed = capsys.readouterr().out
     assert "| open_laptop | " in printed and "| all | " in printed
 

@@ -22,10 +22,10 @@ def executable() -> str | None:
 
 
 @contextmanager
-def launched() -> Iterator[Browser]:
-    """The browser; where the system has none, one that Playwright itself has installed."""
+def launched(*more: str) -> Iterator[Browser]:
+    """The browser, with FLAGS and `more`; where the system has none, one that Playwright itself has installed."""
     with (
         sync_playwright() as playwright,
-        playwright.chromium.launch(executable_path=executable(), args=[*FLAGS]) as browser,
+        playwright.chromium.launch(executable_path=executable(), args=[*FLAGS, *more]) as browser,
     ):
         yield browser

@@ -25,6 +25,8 @@ STEP = 4.0
 # Pixels across the blocks whose means are compared; how many blocks beside one another tell enough; and how many times
 # as large as of pixels that each err on their own their variance has to be: of 388 such scans it was 2.6 at the most.
 BLOCKS, FEW, ALONE = (2, 4, 8), 30, 3.0
+# Pixels that err as one, at the least, where any do: differences farther apart have steps and bends in them as well.
+LEAST = 1.5
 # So many times a pixel's own deviation is what the posterior has it tell where each errs on its own: pixels share what
 # steps of depth, outlines and the mesh do. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
 SHARED = 1.8
@@ -100,7 +102,8 @@ def _together(flat: Array) -> tuple[float, float]:
     if area < ALONE:
         return 1.0, 1.0
     larger = max(1.0, *(_deviation(flat, lag)[0] / own for lag in LAGS))
-    return larger, max(area / larger**2, 1.0)
+    larger = min(larger, float(np.sqrt(area / LEAST)))
+    return larger, area / larger**2
 
 
 def _second_differences(image: Array, step: int) -> Array:

@@ -9,7 +9,7 @@ import pytest
 from scipy import ndimage
 
 from pmpnbp.geometry.camera import Camera
-from pmpnbp.scene.depth_noise import COEFFICIENTS, depth_noise
+from pmpnbp.scene.depth_noise import COEFFICIENTS, LEAST, _deviation, depth_noise
 from pmpnbp.scene.observation import NO_DEPTH, OBJECT, OUTSIDE, View
 from pmpnbp.settings import SENSORS, Settings
 from sample_data import sensor
@@ -100,14 +100,28 @@ def test_of_pixels_that_err_together_it_tells_how_far_off_many_are(window: float
         assert std == pytest.approx(0.002 * 1.5**2, rel=0.25)
 
 
+@pytest.mark.parametrize("bend", [0.0, 1e-5, 1e-4])
+def test_some_err_together_or_none_does(bend: float) -> None:
+    """Whatever the surfaces are, and however wide the window: never a share of a pixel, nor a smaller deviation."""
+    column, row = np.meshgrid(np.arange(120), np.arange(90))
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        view = seen(rng, 0.001, rng.uniform(0.2, 3.0))
+        view.depth[view.depth > 0] += (bend * ((column - 60) ** 2 + row**2))[view.depth > 0].astype(np.float32)
+        std, area = depth_noise(view)
+        assert area == 1.0 or area > LEAST - 1e-9
+        inverse = np.where(view.depth > 0, 1 / np.where(view.depth > 0, view.depth, 1), np.nan)
+        assert std >= _deviation(inverse, 1)[0] * view.distance**2 * (1 - 1e-9)
+
+
 def test_what_neighbours_share_a_kind_of_sensor_does_not_tell(rng: np.random.Generator) -> None:
     view = seen(rng, 0.002, 1.2)
     assert depth_noise(view, "stereo").area == depth_noise(view).area > 5
 
 
 def test_too_few_blocks_tell_nothing(rng: np.random.Generator) -> None:
-    """Of a picture of 20 by 15 pixels, whatever it holds."""
+    """Of a picture of 10 by 8 pixels, whatever it holds."""
     view = seen(rng, 0.002, 2.5)
-    small = View(view.camera, view.depth[35:50, 50:70], view.category[35:50, 50:70], view.normals[35:50, 50:70])
+    small = View(view.camera, view.depth[40:48, 50:60], view.category[40:48, 50:60], view.normals[40:48, 50:60])
     assert depth_noise(small).area == 1.0
     assert depth_noise(small).std > 0

@@ -27,6 +27,9 @@ STEP = 4.0
 BLOCKS, FEW, ALONE = (2, 4, 8), 30, 3.0
 # Pixels that err as one, at the least, where any do: differences farther apart have steps and bends in them as well.
 LEAST = 1.5
+# A deviation is so many times what neighbours' differences tell at the most: of a real arm's curved links they are 3.5
+# times as large, and a tolerance as wide as that lost its wrist. What is left out is in the area.
+WIDEST = 1.7
 # So many times a pixel's own deviation is what the posterior has it tell where each errs on its own: pixels share what
 # steps of depth, outlines and the mesh do. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
 SHARED = 1.8
@@ -102,7 +105,7 @@ def _together(flat: Array) -> tuple[float, float]:
     if area < ALONE:
         return 1.0, 1.0
     larger = max(1.0, *(_deviation(flat, lag)[0] / own for lag in LAGS))
-    larger = min(larger, float(np.sqrt(area / LEAST)))
+    larger = min(larger, WIDEST, float(np.sqrt(area / LEAST)))
     return larger, area / larger**2
 
 

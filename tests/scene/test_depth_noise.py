@@ -97,7 +97,8 @@ def test_of_pixels_that_err_together_it_tells_how_far_off_many_are(window: float
     for seed in range(5):
         std, area = depth_noise(seen(np.random.default_rng(seed), 0.002, window, holes))
         assert 0.35 < std**2 * area / (0.002 * 1.5**2) ** 2 / (4 * np.pi * window**2) < 1.2
-        assert std == pytest.approx(0.002 * 1.5**2, rel=0.25)
+        # beyond WIDEST it is in the area
+        assert 0.35 < std / (0.002 * 1.5**2) < 1.25
 
 
 @pytest.mark.parametrize("bend", [0.0, 1e-5, 1e-4])

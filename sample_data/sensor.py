@@ -94,7 +94,7 @@ def stereo(depth: Image, cosine: Image, rng: np.random.Generator) -> tuple[Image
     filled = np.where(depth > 0, depth, 2 * FARTHEST)
     front = ndimage.minimum_filter(filled, size=3)
     seen = np.where(_patches(rng, depth.shape, WINDOW, GROWN) & (filled - front > JUMP), front, filled)
-    shared = ndimage.gaussian_filter(rng.standard_normal(depth.shape), WINDOW)
+    shared = _smooth(rng, depth.shape, WINDOW)
     error = SHARED_SIGMA * shared / shared.std() + OWN_SIGMA * rng.standard_normal(depth.shape)
     disparity = np.maximum(STEREO_FOCAL_BASELINE / seen + error, STEREO_STEP)
     lost = at_edge(depth) & (rng.random(depth.shape) < STEREO_EDGE_LOSS)
@@ -109,7 +109,7 @@ def time_of_flight(depth: Image, cosine: Image, rng: np.random.Generator) -> tup
     front, back = ndimage.minimum_filter(filled, size=3), ndimage.maximum_filter(filled, size=3)
     flies = (back - front > JUMP) & (rng.random(depth.shape) < FLYING)
     seen = np.where(flies, front + (back - front) * rng.random(depth.shape), filled)
-    smooth = ndimage.gaussian_filter(rng.standard_normal(depth.shape), SMOOTH_SIZE)
+    smooth = _smooth(rng, depth.shape, SMOOTH_SIZE)
     error = SMOOTH * smooth / smooth.std()
     error += np.sqrt(2) * WIGGLE * np.sin(2 * np.pi * (seen / WIGGLE_LENGTH + rng.random()))
     error += rng.normal(0.0, (0.001 + 0.0015 * seen**1.5) / np.sqrt(np.maximum(np.abs(cosine), 0.2)))
@@ -135,12 +135,18 @@ def measured(
 
 def lost_in_patches(dark: NDArray[np.bool_], rng: np.random.Generator) -> NDArray[np.bool_]:
     """Pixels (height, width) that are lost of the surfaces that `dark` marks: DARK_LOSS of them, in patches."""
-    smooth = ndimage.gaussian_filter(rng.standard_normal(dark.shape), PATCH)
+    smooth = _smooth(rng, dark.shape, PATCH)
     return dark & (smooth < np.quantile(smooth[dark], DARK_LOSS)) if dark.any() else dark
+
+
+def _smooth(rng: np.random.Generator, shape: tuple[int, ...], size: float) -> Image:
+    """Noise that neighbours share, as far as `size` pixels, a standard deviation, reach."""
+    found: Image = ndimage.gaussian_filter(rng.standard_normal(shape), size)
+    return found
 
 
 def _patches(rng: np.random.Generator, shape: tuple[int, ...], size: float, share: float) -> NDArray[np.bool_]:
     """A share of an image's pixels, in patches of a size, a standard deviation in pixels."""
-    smooth = ndimage.gaussian_filter(rng.standard_normal(shape), size)
+    smooth = _smooth(rng, shape, size)
     found: NDArray[np.bool_] = smooth > np.quantile(smooth, 1 - share)
     return found

@@ -22,8 +22,9 @@ COEFFICIENTS = {
 }
 # A second difference of so many deviations is of a step or a bend.
 STEP = 4.0
-# Pixels across the blocks whose means are compared; how many blocks beside one another tell enough; and how many times
-# as large as of pixels that each err on their own their variance has to be: of 388 such scans it was 2.6 at the most.
+# Pixels across the blocks whose means are compared, each twice as many as the last; how many blocks beside one another
+# tell enough; and how many times as large as of pixels that each err on their own their variance has to be: of 388 such
+# scans it was 2.6 at the most.
 BLOCKS, FEW, ALONE = (2, 4, 8), 30, 3.0
 # Pixels that err as one, at the least, where any do: differences farther apart have steps and bends in them as well.
 LEAST = 1.5
@@ -94,18 +95,18 @@ def _together(flat: Array) -> tuple[float, float]:
     own, _ = _deviation(flat, 1)
     if own <= 0:
         return 1.0, 1.0
-    area, means, width = 1.0, flat, 1
+    area, means = 1.0, flat
     for block in BLOCKS:
-        means = (means[width:] + means[:-width]) / 2
-        means = (means[:, width:] + means[:, :-width]) / 2
-        width = block
+        half = block // 2
+        means = (means[half:] + means[:-half]) / 2
+        means = (means[:, half:] + means[:, :-half]) / 2
         deviation, count = _deviation(means, block)
         if count >= FEW * block**2:
             area = max(area, (block * deviation / own) ** 2)
     if area < ALONE:
         return 1.0, 1.0
-    larger = max(1.0, *(_deviation(flat, lag)[0] / own for lag in LAGS))
-    larger = min(larger, WIDEST, float(np.sqrt(area / LEAST)))
+    apart = max(_deviation(flat, lag)[0] for lag in LAGS) / own
+    larger = min(max(apart, 1.0), WIDEST, float(np.sqrt(area / LEAST)))
     return larger, area / larger**2
 
 

@@ -1,5 +1,5 @@
-// How noisy are the depths, and of how many pixels at once, and what have sensor and model wrong everywhere? Rows of texts: what it is, what it is taken
-// for, how sure that is, and how sure it was before the scan.
+// How noisy are the depths, and of how many pixels at once, and what have sensor and model wrong everywhere? Rows of
+// texts: what it is, what it is taken for, how sure that is, and how sure it was before the scan.
 
 import { degrees, fineCentimetres, percent } from "./format.js";
 

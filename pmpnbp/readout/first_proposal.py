@@ -29,9 +29,10 @@ LOOSE = 0.02
 # An axis of the first proposal is flat where it has this share of the variance of what is not held; where along it the
 # density is looked at, metres or radians.
 FLAT, SCANNED = 0.25, (0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12, 0.25, 0.5, 1.0, 2.0, 3.0)
-# Standard deviations along any other axis, likewise; how many times the variance that is found there it keeps, and what
-# share of its own at least: of a proposal that is too narrow a few draws count as if there were nothing beyond them.
-NEAR, WIDER, NARROW = (0.25, 0.5, 1.0, 2.0), 3.0, 0.1
+# Standard deviations along any other axis, likewise; how many times the variance that is found there it keeps, for each
+# coordinate, once at the least, and at the most, and what share of its own at least: of a proposal that is too narrow a
+# few draws of many coordinates count as if there were nothing beyond them, while draws of few are told as wide as it.
+NEAR, WIDER_EACH, WIDER, NARROW = (0.25, 0.5, 1.0, 2.0), 0.16, 3.0, 0.1
 
 
 def curvature_information(
@@ -54,7 +55,8 @@ def measured_covariance(density: LogDensity, here: float, covariance: Array) -> 
     found, flat = variances.copy(), variances > FLAT * LOOSE**2
     found[flat] = _variances(density, here, axes.T[flat], np.tile(SCANNED, (int(flat.sum()), 1)))
     held = variances[~flat]
-    found[~flat] = WIDER * _variances(density, here, axes.T[~flat], np.sqrt(held)[:, None] * NEAR)
+    wider = np.clip(WIDER_EACH * len(variances), 1.0, WIDER)
+    found[~flat] = wider * _variances(density, here, axes.T[~flat], np.sqrt(held)[:, None] * NEAR)
     found[~flat] = np.clip(found[~flat], NARROW * held, held)
     return (axes * np.where(found > 0, found, variances)) @ axes.T
 
@@ -70,9 +72,10 @@ def _variances(density: LogDensity, here: float, axes: Array, distances: Array) 
     return np.divide(spread, mass, out=np.zeros(len(axes)), where=mass > 0)
 
 
-def joint_grids(problem: Problem, root: Array, joints: Array, stds: Array) -> tuple[Grid, ...]:
+def joint_grids(problem: Problem, root: Array, joints: Array, here: float, stds: Array) -> tuple[Grid, ...]:
     """Where joints could as well be, all others as they are: offsets to the positions of those whose weight lies
-    elsewhere than within a few of `stds` (D,) from where they are, or a cell from there where that is not told."""
+    elsewhere than within a few of `stds` (D,) from where they are, or a cell from there where that is not told.
+    here : the log posterior where they are"""
     model = problem.mrf.model
     spans = model.upper - model.lower
     moving = np.flatnonzero((spans > 0) & np.isfinite(spans))
@@ -83,7 +86,6 @@ def joint_grids(problem: Problem, root: Array, joints: Array, stds: Array) -> tu
     # no Gaussian fits a joint of which the curvature tells nothing
     told = stds**2 < FLAT * LOOSE**2
     distant = np.abs(offsets) > np.where(told, FAR * np.maximum(stds, cells), cells)[moving, None]
-    here = float(log_posterior(problem, root[None], joints[None])[0])
     log = np.full(offsets.shape, -np.inf)
     first = np.arange(CELLS) % STRIDE == STRIDE // 2
     log[:, first] = _along(problem, root, joints, moving, offsets[:, first])

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.log_weights import effective_sample_size, log_sum_exp, normalise, tempering
+from pmpnbp.inference.log_weights import log_sum_exp, normalise, tempering
 
 FREEDOM = 10.0
 # Of a coordinate of a proposal: what is narrower is one number, and has no inverse.
@@ -26,9 +26,15 @@ LEAST_VARIANCE = 1e-14
 # Added to correlations: those of coordinates of which one is known a million times as well as another are rounded.
 ROUNDING = 1e-9
 # Weights are tempered until this share of all draws counts, before mean and covariance are taken from them.
-EFFECTIVE_SHARE = 0.07
+EFFECTIVE_SHARE, STEPS = 0.07, 8
 # Where fewer draws count, or fewer than half of those that there are, weights are tempered further than is allowed.
 FEW = 20.0
+# A rough density differs by ROUGHNESS nats, a standard deviation, between places that are all but the same, and its
+# logarithm rises by about RISE for a deviation of the proposal. What is FARTHEST nats below the highest tells no trend;
+# of what is beside the trend a share is KEPT where proposals are fitted.
+ROUGHNESS, RISE, FARTHEST, KEPT = 4.0, 1.0, 40.0, 0.25
+# Nats below the best draw that roughness may make up for: where weights have less power, what is worse still has not.
+ROUGH = 4 * ROUGHNESS
 # A coordinate within so many standard deviations of a limit is folded there; as many coordinates at most, as each
 # doubles the images that a draw may come from.
 NEAR_LIMIT, MOST_FOLDED = 4.0, 5
@@ -174,10 +180,12 @@ def adaptive_importance(
     counts: Sequence[int],
     enough: float,
     least_power: float = 1.0,
+    least: int = 0,
     high: float = np.inf,
 ) -> WeightedDraws:
-    """Draws, as many in each round as `counts` says, the first from `proposal`, until `enough` count; the density need
-    not be above zero at all of them. Where it is nowhere, the weights are even and the integral is 0.
+    """Draws, as many in each round as `counts` says, the first from `proposal`, until there are `least` and `enough`
+    count; the density need not be above zero at all of them. Where it is nowhere, the weights are even and the integral
+    is 0.
 
     least_power : below 1 for a density with an error of its own at every place: weights are tempered until `enough`
         count, to this power at the least. As the proposals are fitted to the draws, a Gaussian keeps its width. Where
@@ -196,21 +204,36 @@ def adaptive_importance(
         proposed = np.concatenate([proposed, log_sum_exp(own, axis=0)])
         rows, value = np.concatenate([rows, new]), np.concatenate([value, log_density(new)])
         log_weights = value - proposed + np.log(len(rows))
-        if value.max() > high or (round_number and _count(least_power * log_weights) >= enough):
+        if value.max() > high:
             break
-        proposal = _refitted(proposal, rows, log_weights)
-    allowed = max(float(tempering(log_weights, enough / len(rows))), least_power)
-    power = (
-        allowed if _count(allowed * log_weights) >= FEW else float(tempering(log_weights, min(FEW / len(rows), 0.5)))
-    )
+        if round_number and len(rows) >= least and _count(_tempered(log_weights, least_power)) >= enough:
+            break
+        smoothed = _smoothed(proposal, rows, log_weights) if least_power < 1 else log_weights
+        proposal = _refitted(proposal, rows, smoothed)
+    told = _tempered(log_weights, max(float(tempering(log_weights, enough / len(rows))), least_power))
+    counted = _count(told)
+    if counted < FEW:
+        told = told * float(tempering(told, min(FEW / len(rows), 0.5)))
     integral = float(log_sum_exp(_truncated(log_weights))) - np.log(len(rows))
-    weights = normalise(_truncated(power * log_weights))
-    return WeightedDraws(rows, value, weights, integral, _count(allowed * log_weights))
+    return WeightedDraws(rows, value, normalise(_truncated(told)), integral, counted)
+
+
+def _tempered(log_weights: Array, power: float) -> Array:
+    """Log weights (C,) to a power, in what roughness may have made of them: a draw that is far worse than the best one
+    is so for good. Else a few hundred draws metres away would together weigh as much as those about the mode."""
+    top = log_weights.max()
+    if not np.isfinite(top):
+        return log_weights
+    return power * np.maximum(log_weights - top, -ROUGH) + np.minimum(log_weights - top + ROUGH, 0.0)
 
 
 def _count(log_weights: Array) -> float:
     """How many draws of equal weight would tell as much as draws of `log_weights` (C,); 0 where none has any."""
-    return float(effective_sample_size(normalise(log_weights))) if np.isfinite(log_weights).any() else 0.0
+    top = log_weights.max()
+    if not np.isfinite(top):
+        return 0.0
+    weights = np.exp(log_weights - top)
+    return float(weights.sum() ** 2 / (weights @ weights))
 
 
 def _truncated(log_weights: Array) -> Array:
@@ -224,10 +247,26 @@ def _refitted(proposal: Proposal, rows: Array, log_weights: Array) -> Proposal:
     it was."""
     if not np.isfinite(log_weights).any():
         return proposal
-    tempered = normalise(tempering(log_weights, EFFECTIVE_SHARE) * log_weights)
-    weights, effective, dimensions = np.exp(tempered), float(effective_sample_size(tempered)), len(proposal.mean)
+    tempered = tempering(log_weights, EFFECTIVE_SHARE, STEPS) * log_weights
+    weights, effective, dimensions = np.exp(normalise(tempered)), _count(tempered), len(proposal.mean)
     mean = weights @ rows
     spread = (weights[:, None] * (rows - mean)).T @ (rows - mean)
     covariance = (effective * spread + dimensions * proposal.covariance) / (effective + dimensions)
     covariance += LEAST_VARIANCE * np.eye(dimensions)
     return Proposal(mean, covariance, proposal.lower, proposal.upper, proposal.grids)
+
+
+def _smoothed(proposal: Proposal, rows: Array, log_weights: Array) -> Array:
+    """Log weights (C,) of rows (C, P) with less of a rough density's roughness: a linear trend, by least squares with a
+    prior, and a share of what is beside it. A few rows then tell where the density lies, and not which of them is
+    highest."""
+    if not np.isfinite(log_weights).any():
+        return log_weights
+    used = log_weights > log_weights.max() - FARTHEST
+    deviates = (rows[:, proposal._own] - proposal.mean[proposal._own]) @ proposal._whitening.T
+    middle, mean = deviates[used].mean(axis=0), log_weights[used].mean()
+    apart = deviates[used] - middle
+    information = apart.T @ apart + (ROUGHNESS / RISE) ** 2 * np.eye(len(middle))
+    trend = mean + (deviates - middle) @ np.linalg.solve(information, apart.T @ (log_weights[used] - mean))
+    trend = np.minimum(trend, log_weights.max())
+    return np.where(np.isfinite(log_weights), trend + KEPT * (log_weights - trend), -np.inf)

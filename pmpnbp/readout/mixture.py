@@ -35,7 +35,6 @@ from pmpnbp.inference.tree_estimate import agreeing, polish
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.denied_parts import drawn_anew, without
 from pmpnbp.readout.fit import assess
-from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.object_posterior import ModeDraws, misfit, mode_draws
 from pmpnbp.readout.places import Place, contenders, least_reach, mode_reach, strayed
 from pmpnbp.readout.posterior import Centre, ObjectMode, Posterior
@@ -122,9 +121,8 @@ def _drawn_about(
         plan, best = problem.schedule(report.iteration), (draws.best_root[None], draws.best_joints[None])
         roots, others, _ = polish(rng, problem, *best, plan, problem.tolerance_end, 1)
         root, joints, moved = roots[0], others[0], True
-    nats = float(log_posterior(problem, root[None], joints[None])[0])
     seen = confirmation(problem, root, joints) if moved else seen
-    return Place(root=root, joints=joints, nats=nats, seen=seen, draws=draws, apart=apart)
+    return Place(root=root, joints=joints, nats=draws.nats, seen=seen, draws=draws, apart=apart)
 
 
 def _told(

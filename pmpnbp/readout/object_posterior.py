@@ -20,7 +20,7 @@ from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.chain_bends import bends, bent_otherwise
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
-from pmpnbp.readout.first_proposal import HALF_SURE, LOOSE, curvature_information, joint_grids, measured_covariance
+from pmpnbp.readout.first_proposal import LOOSE, curvature_information, joint_grids, measured_covariance
 from pmpnbp.readout.free_turn import free_turn, turned_anyhow
 from pmpnbp.readout.image_grain import grain
 from pmpnbp.readout.importance_sampling import LogDensity, Proposal, adaptive_importance
@@ -31,7 +31,11 @@ from pmpnbp.scene.prior import UniformPrior
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate at most,
 # else as many as the covariance that is fitted to them has elements; rounds at most; and how many draws have to count
 # before no more are made.
-FIRST, LEAST, EACH, ROUNDS, ENOUGH = 96, 64, 16, 48, 60.0
+FIRST, LEAST, EACH, ROUNDS, ENOUGH = 96, 64, 16, 48, 80.0
+# The power that weights have at the least, for each coordinate, and at the most; and draws at the least, as multiples
+# of the elements of their covariance. The more coordinates there are the longer proposals take to settle, and where
+# weights have little power the draws are rather as these.
+POWER, MOST_POWER, SETTLED = 0.03, 0.5, 4
 # Metres and radians: no joint is taken for better known than this where modes are weighed.
 SHUT = 1e-4
 # Share of its score by which a place may be worth more or less than another for no good reason: on even seeds rivals
@@ -53,8 +57,8 @@ class ModeDraws:
     middle, stds : (6 + D,) their mean, before they were stirred, and standard deviations, before they were bent: the
         translation of the root's centre and its rotation vector from where it was drawn about, joints
     nuisances : (K, ...), see `potentials/nuisances.py`; None where all are fixed
-    best_root, best_joints : (7,), (D,) of the draw of the highest density; gain : nats by which that is higher than at
-        the configuration that was drawn about
+    nats : the log posterior at the configuration that was drawn about
+    best_root, best_joints : (7,), (D,) of the draw of the highest density; gain : nats by which that is higher
     log_evidence : of the mode: logarithm of the posterior's integral over it, up to what is the same for all modes
     log_room : logarithm of the volume that its joint positions fill, before they were bent, likewise
     effective_sample_size : how many draws of equal weight would tell as much
@@ -66,6 +70,7 @@ class ModeDraws:
     middle: Array
     stds: Array
     nuisances: Array | None
+    nats: float
     best_root: Array
     best_joints: Array
     gain: float
@@ -93,11 +98,15 @@ def mode_draws(
     size = len(information)
     here = float(density(np.zeros((1, size)))[0])
     covariance = measured_covariance(density, here, np.asarray(np.linalg.inv(information), dtype=np.float64))
-    grids = joint_grids(problem, root, joints, np.diag(information)[6 : 6 + model.dof] ** -0.5)
+    grids = joint_grids(problem, root, joints, here, np.diag(information)[6 : 6 + model.dof] ** -0.5)
     lower, upper = _limits(problem, joints, len(free))
     first = Proposal(np.zeros(size), covariance, lower, upper, grids)
+    # nuisances go far together with the root, and proposals are long in following them
+    power = MOST_POWER if len(free) else min(MOST_POWER, POWER * size)
     counts = (FIRST, *[max(LEAST, size * min(size, EACH))] * (ROUNDS - 1))
-    drawn = adaptive_importance(rng, density, first, counts, ENOUGH, HALF_SURE, here + surpassed)
+    drawn = adaptive_importance(
+        rng, density, first, counts, ENOUGH, power, SETTLED * size * (size + 1) // 2, here + surpassed
+    )
     rows, weights = drawn.rows[:, : 6 + model.dof], np.exp(drawn.log_weights)
     best = int(drawn.log_density.argmax())
     best_roots, best_joints = _placed(problem, root, joints, rows[[best]])
@@ -111,6 +120,7 @@ def mode_draws(
         middle=middle,
         stds=np.sqrt(weights @ (mode_offsets(problem, root, joints, roots, q) - middle) ** 2),
         nuisances=_nuisances(problem, free, drawn.rows[:, 6 + model.dof :]),
+        nats=here,
         best_root=best_roots[0],
         best_joints=within_limits(best_joints[0], model.lower, model.upper, model.wraps),
         gain=float(drawn.log_density[best] - here),

@@ -37,6 +37,8 @@ WIDTH, HEIGHT, FIELD = 96, 72, np.deg2rad(60.0)
 TURNS, STEEP = 12, (0.25, 0.65)
 # Metres: what is known better is taken to be known so well.
 LEAST = 1e-5
+# Nats that a view which shows nothing may seem to tell, by rounding: it tells none, and others then decide.
+ROUNDING = 1e-9
 # Views whose gains over their costs are the same to this share of the best one's are as good as each other.
 TIE = 0.01
 
@@ -161,7 +163,8 @@ def _fall(before: Array, after: Array, least: float) -> float:
     covariances' own axes: a link is certain by its deviations along the world's."""
     known, left = (np.maximum(np.diagonal(each, axis1=2, axis2=3), least**2) for each in (before, after))
     fall = np.maximum(0.5 * np.log(known / left).sum(axis=-1), 0.0)
-    return float(fall.reshape(len(fall), 2, -1).max(axis=1).sum(axis=1).mean())
+    nats = float(fall.reshape(len(fall), 2, -1).max(axis=1).sum(axis=1).mean())
+    return nats if nats > ROUNDING else 0.0
 
 
 def _camera(pose: Array) -> Camera:

@@ -41,6 +41,16 @@ def problem() -> Problem:
 
 @pytest.fixture(scope="module")
 def posterior(problem: Problem) -> Posterior:
+    return drawn(problem)
+
+
+@pytest.fixture(scope="module")
+def posteriors(problem: Problem) -> list[Posterior]:
+    """Of several seeds: two of forty draws that a view does not tell apart widen what is expected of it."""
+    return [drawn(replace(problem, seed=seed)) for seed in range(5)]
+
+
+def drawn(problem: Problem) -> Posterior:
     _, made = run.begin(problem)
     report = replace(
         made, iteration=9, stage="belief propagation", map_poses=MODEL.part_poses(ROOT, JOINTS), map_joints=JOINTS
@@ -70,17 +80,17 @@ def spread(draws: ModeDraws) -> float:
 
 @pytest.mark.parametrize("direction", [FRONT + 0.3 * worlds.UP, FRONT + 0.6 * worlds.UP, ABOVE])
 def test_the_deviation_that_is_expected_is_what_the_scan_then_gives(
-    problem: Problem, posterior: Posterior, direction: Array
+    problem: Problem, posteriors: list[Posterior], direction: Array
 ) -> None:
     """Also from above, where only outlines tell how far the drawer is open."""
     planned = view(direction)
-    (one,) = ranked(problem, posterior, [DRAWER], [planned])
+    expected = np.median([ranked(problem, each, [DRAWER], [planned])[0].std_xyz.max() for each in posteriors])
     parts, first = MODEL.part_poses(ROOT, JOINTS), worlds.camera_at(MIDDLE + 1.3 * BACK, MIDDLE)
     scans = [worlds.scan(MODEL, parts, camera) for camera in (first, replace(first, pose_world_camera=planned.pose))]
     both = observe(scans, problem.observation.roi, up=worlds.UP)
     after = problems.build(MODEL, both, UniformPrior("upright"), worlds.settings(), particles=20)
     got = np.median([spread(mode_draws(np.random.default_rng(k), after, ROOT, JOINTS)) for k in range(9)])
-    assert 0.5 < one.std_xyz.max() / got < 2.0
+    assert 0.5 < expected / got < 2.0
 
 
 def test_of_views_that_tell_as_much_as_is_asked_the_sharper_one_comes_first(

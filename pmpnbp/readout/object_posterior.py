@@ -29,9 +29,9 @@ from pmpnbp.readout.particle_statistics import short_way_round
 from pmpnbp.scene.prior import UniformPrior
 
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate at most,
-# else as many as the covariance that is fitted to them has elements; rounds at most; and how many draws have to count
-# before no more are made.
-FIRST, LEAST, EACH, ROUNDS, ENOUGH = 96, 64, 16, 48, 80.0
+# else as many as the covariance that is fitted to them has elements; rounds at most; and how many draws have to count,
+# times the power that their weights have, before no more are made.
+FIRST, LEAST, EACH, ROUNDS, ENOUGH = 96, 64, 16, 48, 30.0
 # The power that weights have at the least, for each coordinate, and at the most; and draws at the least, as multiples
 # of the elements of their covariance. The more coordinates there are the longer proposals take to settle, and where
 # weights have little power the draws are rather as these.
@@ -105,7 +105,7 @@ def mode_draws(
     power = MOST_POWER if len(free) else min(MOST_POWER, POWER * size)
     counts = (FIRST, *[max(LEAST, size * min(size, EACH))] * (ROUNDS - 1))
     drawn = adaptive_importance(
-        rng, density, first, counts, ENOUGH, power, SETTLED * size * (size + 1) // 2, here + surpassed
+        rng, density, first, counts, ENOUGH / power, power, SETTLED * size * (size + 1) // 2, here + surpassed
     )
     rows, weights = drawn.rows[:, : 6 + model.dof], np.exp(drawn.log_weights)
     best = int(drawn.log_density.argmax())

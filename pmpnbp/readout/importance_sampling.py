@@ -33,7 +33,7 @@ FEW = 20.0
 # logarithm rises by about RISE for a deviation of the proposal. What is FARTHEST nats below the highest tells no trend;
 # of what is beside the trend a share is KEPT where proposals are fitted.
 ROUGHNESS, RISE, FARTHEST, KEPT = 4.0, 1.0, 40.0, 0.25
-# Nats below the best draw that roughness may make up for: where weights have less power, what is worse still has not.
+# Nats that roughness may put a draw below the best one: only such differences are taken to a lower power.
 ROUGH = 4 * ROUGHNESS
 # A coordinate within so many standard deviations of a limit is folded there; as many coordinates at most, as each
 # doubles the images that a draw may come from.
@@ -206,6 +206,8 @@ def adaptive_importance(
         log_weights = value - proposed + np.log(len(rows))
         if value.max() > high:
             break
+        if not np.isfinite(value).any():
+            continue
         if round_number and len(rows) >= least and _count(_tempered(log_weights, least_power)) >= enough:
             break
         smoothed = _smoothed(proposal, rows, log_weights) if least_power < 1 else log_weights
@@ -232,6 +234,7 @@ def _count(log_weights: Array) -> float:
     top = log_weights.max()
     if not np.isfinite(top):
         return 0.0
+    # by `effective_sample_size` of what is normalised it takes five times as long, in every round
     weights = np.exp(log_weights - top)
     return float(weights.sum() ** 2 / (weights @ weights))
 
@@ -245,8 +248,6 @@ def _truncated(log_weights: Array) -> Array:
 def _refitted(proposal: Proposal, rows: Array, log_weights: Array) -> Proposal:
     """The proposal about the mean of tempered weights, as wide as they are; of few draws that count, rather as wide as
     it was."""
-    if not np.isfinite(log_weights).any():
-        return proposal
     tempered = tempering(log_weights, EFFECTIVE_SHARE, STEPS) * log_weights
     weights, effective, dimensions = np.exp(normalise(tempered)), _count(tempered), len(proposal.mean)
     mean = weights @ rows
@@ -260,8 +261,6 @@ def _smoothed(proposal: Proposal, rows: Array, log_weights: Array) -> Array:
     """Log weights (C,) of rows (C, P) with less of a rough density's roughness: a linear trend, by least squares with a
     prior, and a share of what is beside it. A few rows then tell where the density lies, and not which of them is
     highest."""
-    if not np.isfinite(log_weights).any():
-        return log_weights
     used = log_weights > log_weights.max() - FARTHEST
     deviates = (rows[:, proposal._own] - proposal.mean[proposal._own]) @ proposal._whitening.T
     middle, mean = deviates[used].mean(axis=0), log_weights[used].mean()
@@ -269,4 +268,4 @@ def _smoothed(proposal: Proposal, rows: Array, log_weights: Array) -> Array:
     information = apart.T @ apart + (ROUGHNESS / RISE) ** 2 * np.eye(len(middle))
     trend = mean + (deviates - middle) @ np.linalg.solve(information, apart.T @ (log_weights[used] - mean))
     trend = np.minimum(trend, log_weights.max())
-    return np.where(np.isfinite(log_weights), trend + KEPT * (log_weights - trend), -np.inf)
+    return trend + KEPT * (log_weights - trend)

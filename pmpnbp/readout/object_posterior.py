@@ -104,8 +104,9 @@ def mode_draws(
     # nuisances go far together with the root, and proposals are long in following them
     power = MOST_POWER if len(free) else min(MOST_POWER, POWER * size)
     counts = (FIRST, *[max(LEAST, size * min(size, EACH))] * (ROUNDS - 1))
+    least = SETTLED * size * (size + 1) // 2
     drawn = adaptive_importance(
-        rng, density, first, counts, ENOUGH / power, power, SETTLED * size * (size + 1) // 2, here + surpassed
+        rng, density, first, counts, ENOUGH / power, least_power=power, least=least, high=here + surpassed
     )
     rows, weights = drawn.rows[:, : 6 + model.dof], np.exp(drawn.log_weights)
     best = int(drawn.log_density.argmax())

@@ -42,15 +42,19 @@ OTHERS, APART, SHARED, FAINT = 2, 0.5, 0.3, 0.15
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """A mode: root (7,) and joints (D,), its best configuration; nats : the log posterior there; seen : what the views
-    say of it; draws : about it; apart : whether it is another thing of the same kind."""
+    """A mode: root (7,) and joints (D,), its best configuration; seen : what the views say of it; draws : about it;
+    apart : whether it is another thing of the same kind."""
 
     root: Array
     joints: Array
-    nats: float
     seen: Confirmation
     draws: ModeDraws
     apart: bool
+
+    @property
+    def nats(self) -> float:
+        """The log posterior at its best configuration."""
+        return self.draws.nats
 
 
 def contenders(

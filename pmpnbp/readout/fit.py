@@ -26,8 +26,9 @@ NOTHING, GOOD = 0.35, 0.62
 # Share of the object that something in front hides, above which the rest says too little.
 HIDDEN = 0.6
 # Surfaces that touch the object and go on make it doubtful, if they have this share of its confirmed pixels; such as
-# are longer than the object, as a table may be that no plane was found in, a larger one.
-TOUCHING, LONG_TOUCHING = 0.02, 0.25
+# are longer than the object, as a table may be that no plane was found in, a larger one, and if the last share of what
+# is confirmed lies on one: of a door's frame, a few centimetres before the wall, some pixels are the wall's.
+TOUCHING, LONG_TOUCHING, ON_LONG = 0.02, 0.25, 0.1
 # Share of the object's pixels that may be of parts that are denied.
 DENIED_SHARE = 0.5
 # Confirmed pixels, weighed as the score is, that are too few: a corner of anything is found by chance; and the same of
@@ -77,10 +78,12 @@ def _judged(seen: Confirmation) -> tuple[Verdict, str]:
         return "doubtful", f"{share}, but {beyond:.0f} % of the object is outside the region of interest"
     if seen.score < FEW:
         return "doubtful", f"{share}, but that is {seen.confirmed} pixels"
-    for kinds, most in (((OBJECT,), TOUCHING), ((OBJECT, CONTINUED), LONG_TOUCHING)):
-        touching = sum(_touching(*pixels, kinds) for pixels in seen.pixels)
-        if touching > most * seen.confirmed:
-            return "doubtful", f"{share}, but {touching:,} pixels of the surfaces it lies on are explained by nothing"
+    touching = sum(_touching(*pixels) for pixels in seen.pixels)
+    if touching <= TOUCHING * seen.confirmed:
+        touching += sum(_touching_long(*pixels) for pixels in seen.pixels)
+        touching = touching if touching > LONG_TOUCHING * seen.confirmed else 0
+    if touching:
+        return "doubtful", f"{share}, but {touching:,} pixels of the surfaces it lies on are explained by nothing"
     if seen.missed:
         return "doubtful", f"{share}, but not {some_of(seen.missed)}"
     if seen.denied_share > DENIED_SHARE or seen.root_denied:
@@ -92,14 +95,30 @@ def _seen_through(parts: Sequence[str]) -> str:
     return f"{some_of(parts)} {'is' if len(parts) == 1 else 'are'} seen through in places"
 
 
-def _touching(view: View, covered: NDArray[np.bool_], confirmed: NDArray[np.bool_], kinds: Sequence[int]) -> int:
-    """Pixels of some categories beyond the object, on surfaces of these of which it explains a part."""
-    within = np.isin(view.category, kinds)
-    labels = _surfaces(view.depth, within)
-    counts = np.bincount(labels[confirmed & within], minlength=int(labels.max()) + 1)
-    of_object = counts >= max(OWN_SHARE * counts.sum(), OWN_PIXELS)
+def _touching(view: View, covered: NDArray[np.bool_], confirmed: NDArray[np.bool_]) -> int:
+    """Pixels beyond the object that may be it, on surfaces of which it explains a part."""
+    within = view.category == OBJECT
+    return _beyond(_surfaces(view.depth, within), within, covered, confirmed & within, OWN_SHARE)
+
+
+def _touching_long(view: View, covered: NDArray[np.bool_], confirmed: NDArray[np.bool_]) -> int:
+    """The same of patches that are longer than the object."""
+    return _beyond(view.patches, view.category == CONTINUED, covered, confirmed, ON_LONG)
+
+
+def _beyond(
+    surfaces: NDArray[np.integer],
+    within: NDArray[np.bool_],
+    covered: NDArray[np.bool_],
+    confirmed: NDArray[np.bool_],
+    least: float,
+) -> int:
+    """Pixels `within` (h, w) that are not the object's, on `surfaces` (h, w) that have the share `least` of those that
+    are `confirmed`, and OWN_PIXELS."""
+    counts = np.bincount(surfaces[confirmed], minlength=int(surfaces.max(initial=0)) + 1)
+    of_object = counts >= max(least * counts.sum(), OWN_PIXELS)
     beyond = within & ~ndimage.binary_dilation(covered, iterations=GRAIN)
-    return int(np.count_nonzero(beyond & of_object[labels]))
+    return int(np.count_nonzero(beyond & of_object[surfaces]))
 
 
 def _surfaces(depth: NDArray[np.float32], within: NDArray[np.bool_]) -> NDArray[np.int32]:

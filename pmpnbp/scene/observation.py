@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -59,6 +59,13 @@ class View:
     def patches(self) -> NDArray[np.int16]:
         """(h, w): the smooth surface that each pixel lies on, 1, 2, ..., or 0: see `scene/patches.py`."""
         return smooth_patches(self.depth)
+
+    def with_category(self, category: NDArray[np.uint8]) -> View:
+        """The view with other categories (h, w), which are its own from now on; its patches are of the depth alone."""
+        category.setflags(write=False)
+        view = replace(self, category=category)
+        view.__dict__["patches"] = self.patches
+        return view
 
     @cached_property
     def distance(self) -> float:

@@ -30,6 +30,9 @@ MARGIN, MARGIN_SHARE, LEAST_WIDTH = 15, 8, 40
 PLANE_WIDTH = 160
 # A pixel is on a support plane where it is within so many metres of it, plus so many per metre of depth squared.
 PLANE_TOLERANCE, PLANE_TOLERANCE_GROWTH = 0.01, 0.002
+# A plane is a wall where its normal is this near to level (cosine of 45°), and a patch parallel to it where its mean
+# normal turns less from the wall's (cosine of 18°); metres from which on it stands before the wall.
+UPRIGHT, PARALLEL, FLUSH = 0.707, 0.95, 0.02
 # A floor leans less than this against the picture's vertical where no camera pose says where up is (cosine of 60°).
 FLOOR_COSINE = 0.5
 
@@ -64,12 +67,15 @@ def observe(
     if all(image is None for image in images):
         raise ScanError(_nothing_in(scans, roi))
     scene = scene_points(scans, roi, plane_tolerance, plane_tolerance_growth)
-    planes = find_support_planes(scene, presumed_up(scans, up), up_is_known=up is not None or has_pose(scans))
+    above = presumed_up(scans, up)
+    planes = find_support_planes(scene, above, up_is_known=up is not None or has_pose(scans))
+    upright = np.abs(planes[:, :3] @ above) < UPRIGHT
     views, points, normals = [], [], []
     for image in images:
         if image is None:  # this scan does not see the region
             continue
-        view, view_points, view_normals = _view(image, roi, planes, plane_tolerance, plane_tolerance_growth)
+        view = _view(image, roi, planes, upright, plane_tolerance, plane_tolerance_growth)
+        view_points, view_normals = _oriented_points(view)
         views.append(view)
         points.append(view_points)
         normals.append(view_normals)
@@ -205,30 +211,57 @@ def pixel_categories(
     return category
 
 
-def _view(image: WorkImage, roi: Array | None, planes: Array, base: float, growth: float) -> tuple[View, Array, Array]:
-    """The view of a work image, and its object points and normals in world, (P, 3) each."""
+def _view(
+    image: WorkImage, roi: Array | None, planes: Array, upright: NDArray[np.bool_], base: float, growth: float
+) -> View:
+    """The view of a work image. upright : (K,) which of the `planes` (K, 4) are walls"""
     depth, camera = image.depth, image.camera
-    world = _world(camera, camera.back_project(depth))
-    category = pixel_categories(depth, world, roi, planes, base, growth)
+    points = _points(camera, depth)
+    category, others = (pixel_categories(depth, points, roi, some, base, growth) for some in (planes, planes[~upright]))
     normals = surface_normals(depth, camera)
     for array in (depth, category, normals):
         array.setflags(write=False)
-    view = View(camera, depth, category, normals, image.turn)
-    return view, *_oriented_points(view, world)
+    return _without_flush_patches(View(camera, depth, category, normals, image.turn), others, planes[upright])
 
 
-def _oriented_points(view: View, world: NDArray[np.float32]) -> tuple[Array, Array]:
-    """Those of the view's `world` points (h, w, 3) that may be the object and have a normal, and these, (P, 3) each."""
+def _without_flush_patches(view: View, others: NDArray[np.uint8], walls: Array) -> View:
+    """The view in which a smooth patch that is parallel to a wall and stands before it is not on it: a shut door is a
+    few centimetres away, and a pixel's tolerance as large at three metres, where many tell better than one.
+
+    others : (h, w) the categories without walls; walls : (K, 4) support planes, world
+    """
+    on_wall = (view.category == SUPPORT) & (others != SUPPORT)
+    if not on_wall.any():
+        return view
+    points, category = _points(view.camera, view.depth), view.category.copy()
+    facing = poses.rotate(poses.quaternion_conjugate(view.camera.pose_world_camera[3:]), walls[:, :3])
+    for number in np.unique(view.patches[on_wall & (view.patches > 0)]):
+        patch = view.patches == number
+        before = np.median(points[patch] @ walls[:, :3].T + walls[:, 3], axis=0)
+        parallel = facing @ view.normals[patch].mean(axis=0) > PARALLEL
+        if parallel.any() and before[parallel].min() > FLUSH:
+            category[on_wall & patch] = others[on_wall & patch]
+    return view.with_category(category)
+
+
+def _points(camera: Camera, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(h, w, 3) metres, world."""
+    return _world(camera, camera.back_project(depth))
+
+
+def _oriented_points(view: View) -> tuple[Array, Array]:
+    """Those of the view's points that may be the object and have a normal, and these, (P, 3) each, world."""
     chosen = (view.category == OBJECT) & (view.normals != 0).any(axis=-1)
     rotation = poses.to_matrix(view.camera.pose_world_camera)[:3, :3]
-    return world[chosen].astype(np.float64), view.normals[chosen].astype(np.float64) @ rotation.T
+    points = _points(view.camera, view.depth)[chosen].astype(np.float64)
+    return points, view.normals[chosen].astype(np.float64) @ rotation.T
 
 
 def without_longer_surfaces(observation: Observation, length: float) -> Observation:
     """The observation of an object that is at most `length` metres long: what lies on a longer smooth surface is
     CONTINUED where it was OBJECT, and none of `points`. As it is where nothing is left."""
     longer = [
-        (patch_lengths(view.patches, _world(view.camera, view.camera.back_project(view.depth))) > length)[view.patches]
+        (patch_lengths(view.patches, _points(view.camera, view.depth)) > length)[view.patches]
         for view in observation.views
     ]
     left = _but(observation, longer, CONTINUED)
@@ -246,10 +279,8 @@ def _but(observation: Observation, chosen: Sequence[NDArray[np.bool_]], category
     views, points, normals = [], [np.zeros((0, 3))], [np.zeros((0, 3))]
     for view, some in zip(observation.views, chosen, strict=True):
         changed = np.where(some & (view.category == OBJECT), np.uint8(category), view.category)
-        changed.setflags(write=False)
-        views.append(replace(view, category=changed))
-        world = _world(view.camera, view.camera.back_project(view.depth))
-        view_points, view_normals = _oriented_points(views[-1], world)
+        views.append(view.with_category(changed))
+        view_points, view_normals = _oriented_points(views[-1])
         points.append(view_points)
         normals.append(view_normals)
     return replace(observation, views=tuple(views), points=np.concatenate(points), normals=np.concatenate(normals))

@@ -43,7 +43,51 @@ def smooth_patches(depth: NDArray[np.float32]) -> NDArray[np.int16]:
     large = np.bincount(labels.ravel(), minlength=count + 1) >= FEWEST
     large[0] = False
     patches: NDArray[np.int16] = np.where(large, np.cumsum(large), 0).astype(np.int16)[labels]
-    return _grown(patches, np.where(measured, 1.0 / depth_or_one, np.nan), limit / depth_or_one**2)
+    inverse, limit = np.where(measured, 1.0 / depth_or_one, np.nan), limit / depth_or_one**2
+    return _grown(_parted(patches, inverse, limit), inverse, limit)
+
+
+def _parted(patches: NDArray[np.int16], inverse: Array, limit: Array) -> NDArray[np.int16]:
+    """Patches (h, w) that are not plane cut where they hang together by less than three pixels: a door stands a few
+    centimetres before its wall, and of a step as low as that noise hides a pixel here and there.
+
+    Each pixel goes to the nearest of the pieces that are left without the patch's outermost pixels, where there are
+    several of FEWEST at least. inverse, limit : (h, w), as `_grown` has them
+    """
+    parted = patches.copy()
+    count = int(patches.max(initial=0))
+    for number, box in enumerate(ndimage.find_objects(patches) if patches.size else (), start=1):
+        own = patches[box] == number
+        if _is_plane(own, inverse[box], limit[box]):
+            continue
+        cores, pieces = ndimage.label(ndimage.binary_erosion(own, np.ones((3, 3))))
+        sizes = np.bincount(cores.ravel(), minlength=pieces + 1)
+        kept = np.flatnonzero(sizes[1:] >= FEWEST) + 1
+        if len(kept) < 2:
+            continue
+        numbers = np.zeros(pieces + 1, dtype=np.int16)
+        numbers[kept] = [number, *range(count + 1, count + len(kept))]
+        count += len(kept) - 1
+        nearest = ndimage.distance_transform_edt(numbers[cores] == 0, return_distances=False, return_indices=True)
+        parted[box][own] = numbers[cores][tuple(nearest)][own]
+    return parted
+
+
+def _is_plane(own: NDArray[np.bool_], inverse: Array, limit: Array) -> bool:
+    """Whether the `inverse` depths (h, w) of a patch's pixels are near to one plane, within `limit` (h, w)."""
+    return bool(np.mean(_off_plane(own, inverse, limit)[own] < 1.0) >= PLANE)
+
+
+def _off_plane(own: NDArray[np.bool_], inverse: Array, limit: Array) -> Array:
+    """How far `inverse` depths (h, w) are off the plane of a patch's `own` (h, w) pixels, in limits."""
+    rows, columns = np.nonzero(own)
+    # normal equations, far from singular about the middle: a patch is several pixels across and down
+    about = np.stack([rows - rows.mean(), columns - columns.mean()])
+    values = inverse[own]
+    slope = np.linalg.lstsq(about @ about.T, about @ (values - values.mean()), rcond=None)[0]
+    plane = values.mean() + slope[0] * (np.arange(own.shape[0]) - rows.mean())[:, None]
+    off: Array = np.abs(inverse - (plane + slope[1] * (np.arange(own.shape[1]) - columns.mean()))) / limit
+    return off
 
 
 def _grown(patches: NDArray[np.int16], inverse: Array, limit: Array) -> NDArray[np.int16]:
@@ -54,14 +98,11 @@ def _grown(patches: NDArray[np.int16], inverse: Array, limit: Array) -> NDArray[
     of their plane's; of several the nearest plane's.
     """
     grown, nearest = patches.copy(), np.where(patches > 0, 0.0, np.inf)
-    rows, columns = np.indices(patches.shape)
-    axes = np.stack([np.ones(patches.shape), rows, columns], axis=-1)
     for number, box in enumerate(ndimage.find_objects(patches) if patches.size else (), start=1):
         # no pixel farther away is asked
         near = tuple(slice(max(side.start - GROWTH, 0), side.stop + GROWTH) for side in box)
         own, free = patches[near] == number, patches[near] == 0
-        plane, *_ = np.linalg.lstsq(axes[near][own], inverse[near][own], rcond=None)
-        off = np.abs(inverse[near] - axes[near] @ plane) / limit[near]
+        off = _off_plane(own, inverse[near], limit[near])
         if np.mean(off[own] < 1.0) < PLANE:
             continue
         reached = ndimage.binary_dilation(own, iterations=GROWTH, mask=own | (free & (off < 1.0)))

@@ -25,8 +25,12 @@ Number = TypeVar("Number", bound=np.generic)
 TURN = float(np.arctan((3 - np.sqrt(5)) / 2))
 # What is fewer blocks across or down is a strip.
 STRIP = 4
-# Measurements are of one surface where they differ from their median by a smaller share.
-ONE_SURFACE = 0.0075
+# Measurements are of one surface where they differ from their median by a smaller share, or by so many deviations of
+# what is in a block: at three metres a camera's noise, or one of its steps, is larger than the share.
+ONE_SURFACE, DEVIATIONS = 0.0075, 2.5
+# Measurements that differ from their median by more, in inverse depth, 1 / metres, are of no one surface: a centimetre
+# at a metre, nine at three.
+NO_SURFACE = 0.01
 
 
 @dataclass(frozen=True)
@@ -102,14 +106,31 @@ def block_depths(depth: NDArray[np.float32], block: NDArray[np.integer], blocks:
     first, last = np.cumsum(count) - count, len(ordered) - 1
     lower, upper = (ordered[np.minimum(first + half, last)] for half in (np.maximum(count - 1, 0) // 2, count // 2))
     one_of_both = np.where(np.arange(blocks) % 2 == 0, lower, upper)
-    middle = np.where(upper - lower < ONE_SURFACE * lower, (lower + upper) / 2, one_of_both)
+    reach = np.maximum(ONE_SURFACE, DEVIATIONS * _deviation(own, one_of_both, block) * one_of_both) * one_of_both
+    middle = np.where(upper - lower < reach, (lower + upper) / 2, one_of_both)
     gap = own - middle[block]
-    near = np.abs(gap) < ONE_SURFACE * middle[block]
-    beside = np.bincount(block[near], gap[near], minlength=blocks) / np.maximum(
-        np.bincount(block[near], minlength=blocks), 1
-    )
+    near = np.abs(gap) < reach[block]
+    beside = _means(gap, block, near, blocks)
     enough = (count > 0) & (2 * count >= pixels) & (2 * pixels >= size)
     return np.where(enough, middle + beside, 0.0).astype(np.float32)
+
+
+def _deviation(own: NDArray[np.float32], middle: NDArray[np.float32], block: NDArray[np.integer]) -> float:
+    """1 / metres, of inverse depths within a block, in the median block: noise, steps and slopes together.
+
+    own : (P,) metres, measured; middle : (blocks,) metres, 0 where nothing was; block : (P,) that each is in
+    """
+    gap = (own - middle[block]) / middle[block] ** 2
+    squares = _means(gap**2, block, np.abs(gap) < NO_SURFACE, len(middle))
+    return float(np.sqrt(np.median(squares[middle > 0])))
+
+
+def _means(
+    values: NDArray[np.floating], block: NDArray[np.integer], chosen: NDArray[np.bool_], blocks: int
+) -> NDArray[np.float64]:
+    """(blocks,): of the chosen ones of `values` (P,), 0 where there are none."""
+    count = np.bincount(block[chosen], minlength=blocks)
+    return np.bincount(block[chosen], values[chosen], minlength=blocks) / np.maximum(count, 1)
 
 
 def turned_back(image: NDArray[Number], turn: float, camera: Camera) -> NDArray[Number]:

@@ -14,6 +14,7 @@ from pmpnbp.inference.confirmation import confirmation
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.fit import Fit
 from pmpnbp.readout.fit import assess as judged
+from pmpnbp.scene.observation import CONTINUED, OBJECT, View
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
@@ -86,6 +87,23 @@ def test_surfaces_that_go_on_around_a_half_hidden_object_leave_doubt() -> None:
     other = poses.multiply(ROOT, worlds.at(0.05, -0.22))
     fit = assess(built(add=other), ROOT, JOINTS)
     assert fit.verdict == "doubtful" and "explained by nothing" in fit.reason
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.05, "good"), (0.2, "doubtful")])
+def test_a_longer_surface_leaves_doubt_if_the_object_lies_on_it(share: float, verdict: str) -> None:
+    """A plate before a wall, of which a share of what is confirmed is the wall's: some at an outline always is."""
+    depth = np.full((60, 80), 3.0, np.float32)
+    plate = np.zeros(depth.shape, dtype=bool)
+    plate[20:40, 30:54] = True
+    depth[plate] = 2.8
+    category = np.where(plate, OBJECT, CONTINUED).astype(np.uint8)
+    view = View(CAMERA, depth, category, np.zeros((*depth.shape, 3), np.float32))
+    confirmed = plate.copy()
+    confirmed[2:4, :48] = np.arange(96).reshape(2, 48) < share * np.count_nonzero(plate)
+    assert view.patches[30, 40] != view.patches[30, 10] == view.patches[3, 20] > 0
+    seen = replace(confirmation(built(), ROOT, JOINTS), pixels=((view, confirmed, confirmed),))
+    fit = judged(replace(seen, confirmed=int(np.count_nonzero(confirmed))))
+    assert fit.verdict == verdict and ("explained by nothing" in fit.reason) == (verdict == "doubtful"), fit
 
 
 def test_a_look_alike_apart_from_it_leaves_none() -> None:

@@ -87,6 +87,27 @@ def test_categories_points_and_normals_of_a_box() -> None:
         assert not array.flags.writeable
 
 
+@pytest.mark.parametrize(("thick", "of_wall"), [(0.035, False), (0.005, True)])
+def test_a_shut_door_is_not_its_wall_nor_the_floor_before_it(
+    thick: float, of_wall: bool, rng: np.random.Generator
+) -> None:
+    """From 3.5 m, where a wall's pixels may be 35 mm off: a door as thick is no part of it, a poster is. Their lowest
+    rows are within a centimetre of the floor, and told by nothing."""
+    door = (0.0, -0.45, 0.0, thick, 0.45, 2.0)
+    scan = see(camera_at([3.4, 0.6, 1.4], [0.0, 0.0, 1.0], width=640, height=480), [FLOOR, WALL, door], rng)
+    observation = observe([scan], np.array([-0.2, -0.7, -0.1, 0.4, 0.7, 2.2]))
+    assert len(observation.planes) == 2
+    (view,) = observation.views
+    points = poses.transform_points(
+        view.camera.pose_world_camera, view.camera.back_project(view.depth).astype(np.float64)
+    )
+    across = (np.abs(points[..., 1]) < 0.42) & (np.abs(points[..., 0] - thick) < 0.03) & (view.depth > 0)
+    upper, lowest = across & (points[..., 2] > 0.1) & (points[..., 2] < 1.95), across & (points[..., 2] < 0.01)
+    assert upper.sum() > 500 and lowest.sum() > 5
+    assert np.mean(view.category[upper] == (SUPPORT if of_wall else OBJECT)) > 0.97
+    assert np.all(view.category[lowest] == SUPPORT)
+
+
 def test_two_views_of_one_scene() -> None:
     other = see(camera_at([1.2, -1.3, 1.0], [0.3, 0.0, 0.3], width=320, height=240), [FLOOR, WALL, BOX])
     both = observe([replace(SCAN, stamp=2.0), replace(other, stamp=5.0)], ROI)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.scene.observation import Scan, View
-from pmpnbp.scene.work_image import ONE_SURFACE, TURN, block_depths, turned_back, work_image
+from pmpnbp.scene.work_image import DEVIATIONS, NO_SURFACE, ONE_SURFACE, TURN, block_depths, turned_back, work_image
 
 MARGIN = 15
 CAMERA = Camera(320, 240, 280.0, 300.0, 155.0, 118.0, poses.from_xyz_rpy([0.4, -0.2, 1.0], [-2.0, 0.1, 0.5]))
@@ -30,35 +30,54 @@ def plane_depth(camera: Camera) -> np.ndarray:
 @given(st.integers(0, 2**32 - 1), st.integers(1, 30), st.integers(1, 400), st.sampled_from([0.1, 0.5, 0.9]))
 def test_a_block_has_the_mean_of_what_is_about_its_median(seed: int, blocks: int, pixels: int, holes: float) -> None:
     """Of two in the middle their mean, or if they are not of one surface the lower in every second block; nothing where
-    less than half of the pixels were measured, or half of a whole block's are in the picture."""
+    less than half of the pixels were measured, or half of a whole block's are in the picture. One surface reaches as
+    far as the deviation of inverse depth in the median block says, and a share of its depth at the least."""
     rng = np.random.default_rng(seed)
-    depth = rng.uniform(1.0, 1.0 + rng.choice([0.01, 2.0]), pixels).astype(np.float32)
+    depth = rng.uniform(1.0, 1.0 + rng.choice([0.01, 0.08, 2.0]), pixels).astype(np.float32)
     depth[rng.random(pixels) < holes] = 0.0
     block, size = rng.integers(blocks, size=pixels), int(rng.integers(1, 10))
     found = block_depths(depth, block, blocks, size)
-    for number in range(blocks):
-        own = depth[block == number]
-        measured = np.sort(own[own > 0])
-        if len(measured) == 0 or 2 * len(measured) < len(own) or 2 * len(own) < size:
+    owns = [np.sort(depth[(block == number) & (depth > 0)]).astype(np.float64) for number in range(blocks)]
+    lowers = [own[(len(own) - 1) // 2] if len(own) else 0.0 for own in owns]
+    uppers = [own[len(own) // 2] if len(own) else 0.0 for own in owns]
+    firsts = [(lower, upper)[number % 2] for number, (lower, upper) in enumerate(zip(lowers, uppers, strict=True))]
+    squares = []
+    for own, first in zip(owns, firsts, strict=True):
+        if len(own):
+            gaps = (own - first) / first**2
+            squares.append(np.mean(gaps[np.abs(gaps) < NO_SURFACE] ** 2))
+    deviation = float(np.sqrt(np.median(squares))) if squares else 0.0
+    for number, own in enumerate(owns):
+        count = np.count_nonzero(block == number)
+        if len(own) == 0 or 2 * len(own) < count or 2 * count < size:
             assert found[number] == 0.0
             continue
-        lower, upper = measured[(len(measured) - 1) // 2], measured[len(measured) // 2]
-        one_surface = upper - lower < ONE_SURFACE * lower
-        middle = (lower + upper) / 2 if one_surface else (lower, upper)[number % 2]
-        near = measured[np.abs(measured - middle) < ONE_SURFACE * middle].astype(np.float64)
+        first = firsts[number]
+        reach = max(ONE_SURFACE, DEVIATIONS * deviation * first) * first
+        both = (lowers[number] + uppers[number]) / 2
+        middle = both if uppers[number] - lowers[number] < reach else first
+        near = own[np.abs(own - middle) < reach]
         assert found[number] == pytest.approx(near.mean(), rel=1e-6)
 
 
-@pytest.mark.parametrize("step", [0.0, 0.0115])
-def test_a_noisy_surface_is_where_it_is(step: float) -> None:
-    """At 2 m, noise of 6 mm, in any depths or in a sensor's steps, of which the surface is between two: the mean of
-    4,000 blocks of 16 is within 0.3 mm, six standard errors of what its blocks are off by."""
+@pytest.mark.parametrize(
+    ("distance", "noise", "step", "left"),
+    [
+        (2.003, 0.006, 0.0, 0.003),
+        (2.003, 0.006, 0.0115, 0.003),
+        (3.007, 0.014, 0.0, 0.005),
+        (3.007, 0.014, 0.0285, 0.005),
+    ],
+)
+def test_a_noisy_surface_is_where_it_is(distance: float, noise: float, step: float, left: float) -> None:
+    """At 2 and 3 m, with a camera's noise there, in any depths or in its steps, of which the surface is between two:
+    the mean of 4,000 blocks of 16 is within 0.3 mm, four standard errors at least of what its blocks are off by."""
     rng = np.random.default_rng(5)
-    depth = 2.003 + 0.006 * rng.standard_normal(64_000)
+    depth = distance + noise * rng.standard_normal(64_000)
     depth = np.round(depth / step) * step if step else depth
     found = block_depths(depth.astype(np.float32), np.arange(64_000) // 16, 4_000, 16)
-    assert abs(found.mean() - 2.003) < 3e-4
-    assert found.std() < 0.003
+    assert abs(found.mean() - distance) < 3e-4
+    assert found.std() < left
 
 
 def test_an_edge_is_where_it_is_however_many_pixels_a_block_has() -> None:

@@ -8,29 +8,17 @@ is what makes the family hard) and the noise beyond the sensor's own. Even seeds
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.furniture_scenes import kitchen_row, room_door, wardrobe_before_a_wall
+from benchmarks.scene_rooms import HardScene, above_ground, floor_scene, table_scene
 from pmpnbp.geometry import poses
-from pmpnbp.geometry.camera import Camera
-from pmpnbp.geometry.poses import Array
 from sample_data import models, surroundings
 from sample_data.rendering import posed
 from sample_data.scenes import Scene, camera_before
 from sample_data.urdf_text import box, cylinder, joint, link, robot
-
-
-@dataclass(frozen=True)
-class HardScene:
-    """scene : what is there; urdf : what the inference is told is there; orientation : "upright" or "any"; depth_scale
-    : of all measured depths; noise : standard deviation at one metre, metres, growing with depth squared."""
-
-    scene: Scene
-    urdf: str
-    orientation: str = "upright"
-    depth_scale: float = 1.0
-    noise: float = 0.0
 
 
 def laptop(width: float, depth: float) -> str:
@@ -118,68 +106,14 @@ def _hidden(rng: np.random.Generator) -> HardScene:
     # a shallow chest's does not come out so far
     top = min(float(rng.uniform(0.2, 0.3)), models.travel(depth))
     joints = {"slide1": top, "slide2": rng.uniform(0, 0.15), "slide3": rng.uniform(0, 0.15)}
-    scene = _floor_scene(rng, urdf, joints, 1.2, 0.4 * height, things=1)
+    scene = floor_scene(rng, urdf, joints, 1.2, 0.4 * height, things=1)
     camera = camera_before(scene.pose_world_base, rng.uniform(-20, 20), 0.75, height + 1.3, 0.5 * height)
     return HardScene(replace(scene, camera=camera), urdf)
 
 
-def _table_scene(rng: np.random.Generator, urdf: str, joints: dict[str, float], lift: float, near: float) -> Scene:
-    """On a table with a few things, in front of a wall, from `near` metres or a bit more; `lift` metres: where the
-    root link's origin is above the top."""
-    height = rng.uniform(0.65, 0.8)
-    pose = poses.from_xyz_rpy([*rng.uniform(-0.5, 0.5, 2), height], [0.0, 0.0, rng.uniform(-np.pi, np.pi)])
-    surfaces = posed(urdf, joints, _lifted(pose, lift))
-    camera = _camera(rng, surfaces, pose, near, 0.05)
-    table = poses.from_xyz_rpy([rng.uniform(-0.1, 0.2), 0.0, -0.015], [0.0, 0.0, 0.0])
-    size = np.array([rng.uniform(0.7, 0.9), rng.uniform(1.2, 1.7), 0.03])
-    around = [surroundings.floor(), surroundings.block(size, poses.multiply(pose, table))]
-    around.append(surroundings.wall(surfaces, poses.to_rpy(pose[3:])[2], rng.uniform(0.25, 0.5)))
-    ground = np.array([-0.3, -0.55, 0.3, 0.55])
-    around += surroundings.clutter(surfaces, pose, int(rng.integers(1, 4)), rng, ground)
-    return Scene(urdf, joints, _lifted(pose, lift), camera, tuple(around))
-
-
-def _lifted(pose: Array, lift: float) -> Array:
-    return poses.multiply(pose, poses.from_xyz_rpy([0.0, 0.0, lift], [0.0, 0.0, 0.0]))
-
-
-def _camera(rng: np.random.Generator, surfaces: dict, pose: Array, near: float, aim: float) -> Camera:
-    for attempt in range(200):
-        distance = rng.uniform(near, 1.3 * near + attempt / 100)
-        camera = camera_before(pose, rng.uniform(-40, 40), distance, rng.uniform(0.45, 0.9) * distance, aim)
-        if surroundings.in_view(surfaces, camera):
-            return camera
-    raise ValueError("no camera sees the whole object")
-
-
-def _floor_scene(
-    rng: np.random.Generator, urdf: str, joints: dict[str, float], near: float, aim: float, things: int = 3
-) -> Scene:
-    """On the floor before a wall, with `things` beside it."""
-    pose = surroundings.standing_at(*rng.uniform(-0.8, 0.8, 2), rng.uniform(-np.pi, np.pi))
-    surfaces = posed(urdf, joints, pose)
-    camera = _camera(rng, surfaces, pose, near, aim)
-    yaw = poses.to_rpy(pose[3:])[2] + np.deg2rad(rng.uniform(-8, 8))
-    around = [surroundings.floor(), surroundings.wall(surfaces, yaw, rng.uniform(0.05, 0.4))]
-    around += surroundings.clutter(surfaces, pose, things, rng)
-    return Scene(urdf, joints, pose, camera, tuple(around))
-
-
 def _laptop(rng: np.random.Generator, low: float, high: float) -> HardScene:
     urdf = laptop(rng.uniform(0.28, 0.38), rng.uniform(0.20, 0.26))
-    return HardScene(_table_scene(rng, urdf, {"hinge": rng.uniform(low, high)}, 0.0, 0.8), urdf)
-
-
-def _above_ground(
-    rng: np.random.Generator, urdf: str, limits: dict[str, tuple[float, float]], links: Sequence[str], least: float
-) -> dict[str, float]:
-    """Joint positions within `limits` at which the `links` are higher than `least` metres above what the root stands
-    on."""
-    while True:
-        joints = {name: rng.uniform(low, high) for name, (low, high) in limits.items()}
-        surfaces = posed(urdf, joints, poses.IDENTITY)
-        if min(surfaces[name].vertices[:, 2].min() for name in links) > least:
-            return joints
+    return HardScene(table_scene(rng, urdf, {"hinge": rng.uniform(low, high)}, 0.0, 0.8), urdf)
 
 
 def _open_laptop(rng: np.random.Generator) -> HardScene:
@@ -194,7 +128,7 @@ def _tent(rng: np.random.Generator) -> HardScene:
     """A laptop that stands on its two outer edges."""
     depth, half = rng.uniform(0.20, 0.26), rng.uniform(0.35, 0.6)
     urdf = laptop(rng.uniform(0.28, 0.38), depth)
-    scene = _table_scene(rng, urdf, {"hinge": 2 * np.pi - 2 * half}, 0.0, 0.8)
+    scene = table_scene(rng, urdf, {"hinge": 2 * np.pi - 2 * half}, 0.0, 0.8)
     # the base leans by its angle to the vertical, its front edge on the table
     up = np.array([0.0, 0.0, depth / 2 * np.cos(half)])
     lean = np.concatenate([up, poses.from_rotation_vector(np.array([0.0, np.pi / 2 - half, 0.0]))])
@@ -205,20 +139,20 @@ def _lamp(rng: np.random.Generator) -> HardScene:
     count = int(rng.integers(2, 4))
     urdf = models.chain(rng.uniform(0.15, 0.25, count).tolist(), [0.04] * count, turning_base=True)
     limits = {f"hinge{n}": (-0.9, 0.9) for n in range(1, count + 1)}
-    joints = _above_ground(rng, urdf, limits, [f"link{n}" for n in range(2, count + 1)], 0.01)
-    return HardScene(_table_scene(rng, urdf, joints, 0.0, 0.9), urdf)
+    joints = above_ground(rng, urdf, limits, [f"link{n}" for n in range(2, count + 1)], 0.01)
+    return HardScene(table_scene(rng, urdf, joints, 0.0, 0.9), urdf)
 
 
 def _organiser(rng: np.random.Generator) -> HardScene:
     depth = rng.uniform(0.2, 0.28)
     urdf = organiser(rng.uniform(0.26, 0.36), depth)
     joints = {f"slide{n}": rng.uniform(0.0, 0.6 * depth) for n in (1, 2)}
-    return HardScene(_table_scene(rng, urdf, joints, 0.0, 0.8), urdf)
+    return HardScene(table_scene(rng, urdf, joints, 0.0, 0.8), urdf)
 
 
 def _pliers(rng: np.random.Generator) -> HardScene:
     urdf = pliers(rng.uniform(0.2, 0.26))
-    return HardScene(_table_scene(rng, urdf, {"pivot": rng.uniform(-1.0, -0.2)}, 0.006, 0.5), urdf)
+    return HardScene(table_scene(rng, urdf, {"pivot": rng.uniform(-1.0, -0.2)}, 0.006, 0.5), urdf)
 
 
 def _chest(rng: np.random.Generator, shut: float = 0.5) -> tuple[str, dict[str, float], tuple[float, float, float]]:
@@ -231,7 +165,7 @@ def _chest(rng: np.random.Generator, shut: float = 0.5) -> tuple[str, dict[str, 
 def _look_alikes(rng: np.random.Generator) -> HardScene:
     """A nearly closed chest among closed ones of the same kind."""
     urdf, joints, (width, _, height) = _chest(rng, 0.6)
-    scene = _floor_scene(rng, urdf, joints, 1.7, 0.4 * height, things=0)
+    scene = floor_scene(rng, urdf, joints, 1.7, 0.4 * height, things=0)
     beside = []
     for side in (-1, 1):
         place = poses.from_xyz_rpy([0.0, side * (width + rng.uniform(0.02, 0.06)), 0.0], [0.0, 0.0, 0.0])
@@ -248,8 +182,8 @@ def _two_arms(rng: np.random.Generator) -> HardScene:
         for name in ("left", "right")
         for number in range(1, count + 1)
     }
-    joints = _above_ground(rng, urdf, limits, [name.removesuffix("_joint") for name in limits], 0.01)
-    return HardScene(_floor_scene(rng, urdf, joints, 1.3, 0.3, things=1), urdf)
+    joints = above_ground(rng, urdf, limits, [name.removesuffix("_joint") for name in limits], 0.01)
+    return HardScene(floor_scene(rng, urdf, joints, 1.3, 0.3, things=1), urdf)
 
 
 def _long_chain(rng: np.random.Generator) -> HardScene:
@@ -257,7 +191,7 @@ def _long_chain(rng: np.random.Generator) -> HardScene:
     urdf = models.chain([0.1] * count, [0.045] * count)
     joints = {f"hinge{n}": rng.uniform(-0.5, 0.5) for n in range(1, count + 1)}
     joints["hinge1"] = rng.uniform(-0.2, 0.2)
-    return HardScene(_floor_scene(rng, urdf, joints, 1.6, 0.5, things=1), urdf)
+    return HardScene(floor_scene(rng, urdf, joints, 1.6, 0.5, things=1), urdf)
 
 
 def _chain_of_24(rng: np.random.Generator) -> HardScene:
@@ -265,20 +199,20 @@ def _chain_of_24(rng: np.random.Generator) -> HardScene:
     urdf = models.chain([0.06] * count, [0.045] * count)
     limits = {f"hinge{n}": (-0.2, 0.2) if n == 1 else (-0.5, 0.5) for n in range(1, count + 1)}
     # what lies behind the first link keeps off the floor
-    joints = _above_ground(rng, urdf, limits, [f"link{n}" for n in range(2, count + 1)], 0.06)
-    return HardScene(_floor_scene(rng, urdf, joints, 1.6, 0.5, things=1), urdf)
+    joints = above_ground(rng, urdf, limits, [f"link{n}" for n in range(2, count + 1)], 0.06)
+    return HardScene(floor_scene(rng, urdf, joints, 1.6, 0.5, things=1), urdf)
 
 
 def _far(rng: np.random.Generator) -> HardScene:
     urdf, joints, (_, _, height) = _chest(rng)
-    scene = _floor_scene(rng, urdf, joints, 2.9, 0.45 * height)
+    scene = floor_scene(rng, urdf, joints, 2.9, 0.45 * height)
     return HardScene(scene, urdf, noise=rng.uniform(0.0018, 0.003))
 
 
 def _in_front(rng: np.random.Generator) -> HardScene:
     """A chair in front: a seat on four legs, with a back."""
     urdf, joints, (width, depth, height) = _chest(rng)
-    scene = _floor_scene(rng, urdf, joints, 1.8, 0.45 * height)
+    scene = floor_scene(rng, urdf, joints, 1.8, 0.45 * height)
     at = [depth / 2 + rng.uniform(0.4, 0.5), rng.uniform(-0.3, 0.3) * width, 0.0]
     chair = poses.multiply(scene.pose_world_base, poses.from_xyz_rpy(at, [0.0, 0.0, rng.uniform(-0.6, 0.6)]))
     pieces = [((0.36, 0.36, 0.03), (0, 0, 0.44)), ((0.03, 0.36, 0.35), (0.17, 0, 0.62))]
@@ -293,7 +227,7 @@ def _in_front(rng: np.random.Generator) -> HardScene:
 def _cut_off(rng: np.random.Generator) -> HardScene:
     """A quarter to a half of the object beyond the picture's side."""
     urdf, joints, (_, _, height) = _chest(rng)
-    scene = _floor_scene(rng, urdf, joints, 1.5, 0.45 * height)
+    scene = floor_scene(rng, urdf, joints, 1.5, 0.45 * height)
     turn = poses.from_rotation_vector(np.array([0.0, rng.choice([-1, 1]) * rng.uniform(0.38, 0.46), 0.0]))
     pose = poses.multiply(scene.camera.pose_world_camera, np.concatenate([np.zeros(3), turn]))
     return HardScene(replace(scene, camera=replace(scene.camera, pose_world_camera=pose)), urdf)
@@ -304,7 +238,7 @@ def _dimensions(rng: np.random.Generator) -> HardScene:
     width, depth, height = rng.uniform([0.4, 0.35, 0.6], [0.55, 0.45, 0.85])
     joints = {f"slide{n}": 0.0 if rng.random() < 0.4 else rng.uniform(0.03, 0.26) for n in (1, 2, 3)}
     there = models.cabinet(width, depth, height, (1, 1.2, 1.4), 0.12)
-    scene = _floor_scene(rng, there, joints, 1.6, 0.45 * height)
+    scene = floor_scene(rng, there, joints, 1.6, 0.45 * height)
     wrong = np.array([width, depth, height]) * (1 + rng.uniform(-0.03, 0.03, 3))
     return HardScene(scene, models.cabinet(*wrong, (1, 1.2, 1.4), 0.12))
 
@@ -312,7 +246,7 @@ def _dimensions(rng: np.random.Generator) -> HardScene:
 def _bias(rng: np.random.Generator) -> HardScene:
     urdf, joints, (_, _, height) = _chest(rng)
     scale = 1 + rng.choice([-1, 1]) * rng.uniform(0.005, 0.01)
-    return HardScene(_floor_scene(rng, urdf, joints, 1.6, 0.45 * height), urdf, depth_scale=scale)
+    return HardScene(floor_scene(rng, urdf, joints, 1.6, 0.45 * height), urdf, depth_scale=scale)
 
 
 def _board(rng: np.random.Generator) -> HardScene:
@@ -321,7 +255,7 @@ def _board(rng: np.random.Generator) -> HardScene:
     lowest = (height - models.BOARD) * 1.4 / 3.6
     near = rng.uniform(0.12, 0.24)
     joints["slide3"] = rng.uniform(0.0, near - 0.08)
-    scene = _floor_scene(rng, urdf, joints, 1.5, 0.45 * height, things=1)
+    scene = floor_scene(rng, urdf, joints, 1.5, 0.45 * height, things=1)
     size = np.array([0.016, width * rng.uniform(0.9, 1.15), lowest * rng.uniform(0.95, 1.1)])
     place = poses.from_xyz_rpy([depth / 2 + near, rng.uniform(-0.03, 0.03), size[2] / 2], [0.0, 0.0, 0.0])
     board = surroundings.block(size, poses.multiply(scene.pose_world_base, place))
@@ -332,7 +266,7 @@ def _lying(rng: np.random.Generator) -> HardScene:
     """A cupboard on its back, its side or aslant, looked for in any orientation."""
     width, depth, height = rng.uniform([0.35, 0.28, 0.4], [0.45, 0.36, 0.55])
     urdf = models.cupboard(width, depth, height, shelves=(0.5,))
-    scene = _floor_scene(rng, urdf, {"hinge1": rng.uniform(0.3, 1.5)}, 1.6, 0.25)
+    scene = floor_scene(rng, urdf, {"hinge1": rng.uniform(0.3, 1.5)}, 1.6, 0.25)
     tilt = poses.from_xyz_rpy([0.0, 0.0, 0.5], [*rng.uniform(-0.6, 0.6, 2), 0.0])
     return HardScene(replace(scene, pose_world_base=poses.multiply(scene.pose_world_base, tilt)), urdf, "any")
 
@@ -356,4 +290,7 @@ FAMILIES: dict[str, Callable[[np.random.Generator], HardScene]] = {
     "chain_of_24": _chain_of_24,
     "hidden": _hidden,
     "board": _board,
+    "room_door": room_door,
+    "wardrobe": wardrobe_before_a_wall,
+    "kitchen": kitchen_row,
 }

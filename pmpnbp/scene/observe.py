@@ -238,7 +238,8 @@ def _without_flush_patches(view: View, others: NDArray[np.uint8], walls: Array) 
     for number in np.unique(view.patches[on_wall & (view.patches > 0)]):
         patch = view.patches == number
         before = np.median(points[patch] @ walls[:, :3].T + walls[:, 3], axis=0)
-        parallel = facing @ view.normals[patch].mean(axis=0) > PARALLEL
+        mean = view.normals[patch].sum(axis=0)
+        parallel = facing @ mean > PARALLEL * np.linalg.norm(mean)
         if parallel.any() and before[parallel].min() > FLUSH:
             category[on_wall & patch] = others[on_wall & patch]
     return view.with_category(category)

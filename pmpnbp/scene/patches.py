@@ -81,12 +81,13 @@ def _is_plane(own: NDArray[np.bool_], inverse: Array, limit: Array) -> bool:
 def _off_plane(own: NDArray[np.bool_], inverse: Array, limit: Array) -> Array:
     """How far `inverse` depths (h, w) are off the plane of a patch's `own` (h, w) pixels, in limits."""
     rows, columns = np.nonzero(own)
-    # normal equations, far from singular about the middle: a patch is several pixels across and down
-    about = np.stack([rows - rows.mean(), columns - columns.mean()])
-    values = inverse[own]
-    slope = np.linalg.lstsq(about @ about.T, about @ (values - values.mean()), rcond=None)[0]
-    plane = values.mean() + slope[0] * (np.arange(own.shape[0]) - rows.mean())[:, None]
-    off: Array = np.abs(inverse - (plane + slope[1] * (np.arange(own.shape[1]) - columns.mean()))) / limit
+    middle, values = (rows.mean(), columns.mean()), inverse[own]
+    about = np.stack([rows - middle[0], columns - middle[1]])
+    # normal equations about the middle; einsum adds in one order whatever the number of threads
+    squares, products = np.einsum("ip,jp->ij", about, about), np.einsum("ip,p->i", about, values - values.mean())
+    down, across = np.linalg.lstsq(squares, products, rcond=None)[0]
+    plane = values.mean() + down * (np.arange(own.shape[0]) - middle[0])[:, None]
+    off: Array = np.abs(inverse - plane - across * (np.arange(own.shape[1]) - middle[1])) / limit
     return off
 
 

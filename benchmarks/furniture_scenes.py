@@ -14,6 +14,7 @@ from benchmarks.scene_rooms import HardScene, floor_scene
 from pmpnbp.geometry import poses
 from sample_data import models, surroundings
 from sample_data.models import BOARD
+from sample_data.rendering import posed
 from sample_data.urdf_text import box, cylinder, joint, link, robot
 
 # Of a door's frame: how wide it is, how deep, and how far its wall's middle lies behind its own; metres.
@@ -84,22 +85,21 @@ def _shut_or(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def room_door(rng: np.random.Generator) -> HardScene:
-    """A door in a wall, whose frame stands 4 cm before it; where it is open one looks at another wall."""
+    """A door in a wall, whose frame stands 4 cm before it; where it is open one looks into the next room."""
     width, height = rng.uniform([0.75, 1.95], [0.95, 2.1])
     urdf = door(width, height)
     joints = {"hinge": _shut_or(rng, 0.2, 1.8), "turn": rng.uniform(-0.8, 0.0)}
     scene = floor_scene(rng, urdf, joints, 2.6, 1.0, things=0)
-    whole = width + 2 * FRAME
+    base = scene.pose_world_base
+    whole, above = width + 2 * FRAME, CEILING - height - FRAME
     pieces = [((WALL, BESIDE, CEILING), (-RECESS, side * (whole + BESIDE) / 2, CEILING / 2)) for side in (-1, 1)]
-    above = CEILING - height - FRAME
     pieces.append(((WALL, whole, above), (-RECESS, 0.0, CEILING - above / 2)))
-    wall = [
-        surroundings.block(
-            np.array(size), poses.multiply(scene.pose_world_base, poses.from_xyz_rpy(list(at), [0.0, 0.0, 0.0]))
-        )
+    around = [
+        surroundings.block(np.array(size), poses.multiply(base, poses.from_xyz_rpy(list(at), [0.0, 0.0, 0.0])))
         for size, at in pieces
     ]
-    return HardScene(replace(scene, clutter=(*scene.clutter, *wall)), urdf)
+    beyond = surroundings.wall(posed(urdf, joints, base), poses.to_rpy(base[3:])[2], rng.uniform(1.5, 3.0))
+    return HardScene(replace(scene, clutter=(surroundings.floor(), beyond, *around)), urdf)
 
 
 def wardrobe_before_a_wall(rng: np.random.Generator) -> HardScene:

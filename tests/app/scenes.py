@@ -70,6 +70,11 @@ def estimated(made: Snapshot) -> np.ndarray:
     )
 
 
+def as_told(pose: np.ndarray) -> np.ndarray:
+    """A pose (7,) as a result has it: of the two quaternions of a rotation the one whose w is not negative."""
+    return pose if pose[3] >= 0 else np.concatenate([pose[:3], -pose[3:]])
+
+
 def only(*layers: str, **change: Any) -> ViewState:
     """A state that shows these layers and no others."""
     return ViewState(show=Layers(**{layer: layer in layers for layer in LAYERS}), **change)

@@ -20,7 +20,7 @@ from pmpnbp.pictures.palette import PART_COLOURS, rgb
 from pmpnbp.potentials.pixel_kinds import PixelKind
 from pmpnbp.readout.view_planning import FIELD
 from pmpnbp.scene.observation import SUPPORT
-from tests.app.scenes import drawn, estimated, heavy, of_a_part, only, scene, shown, views
+from tests.app.scenes import as_told, drawn, estimated, heavy, of_a_part, only, scene, shown, views
 
 NAMES = ("frame", "drawer1", "drawer2", "drawer3")
 
@@ -137,7 +137,7 @@ def test_the_estimate_is_where_the_result_has_it() -> None:
         pose = whole.snapshots[-1].result["links"][name]["pose"]
         surface = shown(Surface, found, f"/estimate/{number}")
         np.testing.assert_allclose(surface.pose[:3], [pose["position"][axis] for axis in "xyz"])
-        np.testing.assert_allclose(surface.pose[3:], [pose["orientation"][axis] for axis in "wxyz"])
+        np.testing.assert_allclose(as_told(surface.pose)[3:], [pose["orientation"][axis] for axis in "wxyz"])
         assert 0 < surface.opacity < 1
         assert (surface.colour == rgb(PART_COLOURS[number])) == (name == "drawer2")
     widths = [shown(Lines, found, f"/estimate/{number}/edges").width for number in range(4)]
@@ -364,7 +364,7 @@ def test_another_iteration_lies_over_it_in_grey() -> None:
     found = frame(whole.snapshots[-1], only("estimate", "ellipsoids"), whole.stage, compared=(other, whole.stage))
     for number, pose in enumerate(estimated(other)):
         ghost, own = (shown(Surface, found, f"/{name}/{number}") for name in ("compare", "estimate"))
-        np.testing.assert_array_equal(ghost.pose, pose)
+        np.testing.assert_array_equal(as_told(ghost.pose), pose)
         assert ghost.opacity < own.opacity and max(ghost.colour) - min(ghost.colour) < 32
     assert shown(Ellipsoids, found, "/compare/ellipsoids").radii.shape == (4, 3)
 

@@ -42,9 +42,8 @@ WRONG, TURNED, LONG = 0.01, np.deg2rad(2.0), 0.10
 DEVIATIONS = 5.0
 # The nuisances' priors for families in which something is wrong that no pixel can average out.
 STATED = {"bias": {"depth_scale_std": 0.01}, "dimensions": {"size_std": 0.02}}
-# Families in which the object is there more than once, so that another is found where one is taken away; or its frame's
-# opening is, when it is.
-TWINNED = ("look_alikes", "room_door")
+# Families in which the object is there more than once, so that another is found where one is taken away.
+TWINNED = ("look_alikes",)
 # Families whose objects are not mistaken for one another.
 KINDS = (
     ("open_laptop", "shut_laptop", "tent"),

@@ -78,12 +78,11 @@ def _judged(seen: Confirmation) -> tuple[Verdict, str]:
         return "doubtful", f"{share}, but {beyond:.0f} % of the object is outside the region of interest"
     if seen.score < FEW:
         return "doubtful", f"{share}, but that is {seen.confirmed} pixels"
-    touching = sum(_touching(*pixels) for pixels in seen.pixels)
-    if touching <= TOUCHING * seen.confirmed:
-        touching += sum(_touching_long(*pixels) for pixels in seen.pixels)
-        touching = touching if touching > LONG_TOUCHING * seen.confirmed else 0
-    if touching:
-        return "doubtful", f"{share}, but {touching:,} pixels of the surfaces it lies on are explained by nothing"
+    touching = 0
+    for count, most in ((_touching, TOUCHING), (_touching_long, LONG_TOUCHING)):
+        touching += sum(count(*pixels) for pixels in seen.pixels)
+        if touching > most * seen.confirmed:
+            return "doubtful", f"{share}, but {touching:,} pixels of the surfaces it lies on are explained by nothing"
     if seen.missed:
         return "doubtful", f"{share}, but not {some_of(seen.missed)}"
     if seen.denied_share > DENIED_SHARE or seen.root_denied:

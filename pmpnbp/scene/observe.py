@@ -112,17 +112,17 @@ def _checked_roi(roi: Array) -> Array:
 
 
 def _nothing_in(scans: Sequence[Scan], roi: Array | None) -> str:
-    corners = [_world(scan.camera, scan.camera.back_project(scan.depth))[scan.depth > 0] for scan in scans]
+    corners = [_points(scan.camera, scan.depth)[scan.depth > 0] for scan in scans]
     low = np.min([points.min(axis=0) for points in corners], axis=0).round(3)
     high = np.max([points.max(axis=0) for points in corners], axis=0).round(3)
     box = None if roi is None else roi.tolist()
     return f"no measured point lies in the region {box}; the scan spans {[*low.tolist(), *high.tolist()]} in world"
 
 
-def _world(camera: Camera, points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """`points` (..., 3) of the camera frame in world; float32, because whole images pass through here."""
+def _points(camera: Camera, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(..., 3) metres, world, of a camera's depths; float32, because whole images pass through here."""
     matrix = poses.to_matrix(camera.pose_world_camera).astype(np.float32)
-    return points @ matrix[:3, :3].T + matrix[:3, 3]
+    return camera.back_project(depth) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 def _within(points: NDArray[np.floating], box: Array) -> NDArray[np.bool_]:
@@ -136,9 +136,7 @@ def _within(points: NDArray[np.floating], box: Array) -> NDArray[np.bool_]:
 def _in_region(scan: Scan, roi: Array | None) -> NDArray[np.bool_]:
     """(height, width): where something is measured in the region."""
     measured: NDArray[np.bool_] = scan.depth > 0
-    return (
-        measured if roi is None else measured & _within(_world(scan.camera, scan.camera.back_project(scan.depth)), roi)
-    )
+    return measured if roi is None else measured & _within(_points(scan.camera, scan.depth), roi)
 
 
 def _tolerance(depth: NDArray[np.floating], base: float, growth: float) -> NDArray[np.floating]:
@@ -173,7 +171,7 @@ def scene_points(
             cy=(scan.camera.cy - middle) / factor,
         )
         valid = depth > 0
-        world = _world(camera, camera.back_project(depth))
+        world = _points(camera, depth)
         rotation = poses.to_matrix(camera.pose_world_camera)[:3, :3]
         at_border = np.zeros((h, w), dtype=bool)
         edge = max(min(h, w) // 30, 1)
@@ -243,11 +241,6 @@ def _without_flush_patches(view: View, others: NDArray[np.uint8], walls: Array) 
         if parallel.any() and before[parallel].min() > FLUSH:
             category[on_wall & patch] = others[on_wall & patch]
     return view.with_category(category)
-
-
-def _points(camera: Camera, depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(h, w, 3) metres, world."""
-    return _world(camera, camera.back_project(depth))
 
 
 def _oriented_points(view: View) -> tuple[Array, Array]:

@@ -58,7 +58,7 @@ def _parted(patches: NDArray[np.int16], inverse: Array, limit: Array) -> NDArray
     count = int(patches.max(initial=0))
     for number, box in enumerate(ndimage.find_objects(patches) if patches.size else (), start=1):
         own = patches[box] == number
-        if _is_plane(own, inverse[box], limit[box]):
+        if _is_plane(own, _off_plane(own, inverse[box], limit[box])):
             continue
         cores, pieces = ndimage.label(ndimage.binary_erosion(own, np.ones((3, 3))))
         sizes = np.bincount(cores.ravel(), minlength=pieces + 1)
@@ -73,9 +73,9 @@ def _parted(patches: NDArray[np.int16], inverse: Array, limit: Array) -> NDArray
     return parted
 
 
-def _is_plane(own: NDArray[np.bool_], inverse: Array, limit: Array) -> bool:
-    """Whether the `inverse` depths (h, w) of a patch's pixels are near to one plane, within `limit` (h, w)."""
-    return bool(np.mean(_off_plane(own, inverse, limit)[own] < 1.0) >= PLANE)
+def _is_plane(own: NDArray[np.bool_], off: Array) -> bool:
+    """Whether a patch's `own` pixels (h, w) are near to their plane, which they are `off` (h, w), in limits."""
+    return bool(np.mean(off[own] < 1.0) >= PLANE)
 
 
 def _off_plane(own: NDArray[np.bool_], inverse: Array, limit: Array) -> Array:
@@ -104,7 +104,7 @@ def _grown(patches: NDArray[np.int16], inverse: Array, limit: Array) -> NDArray[
         near = tuple(slice(max(side.start - GROWTH, 0), side.stop + GROWTH) for side in box)
         own, free = patches[near] == number, patches[near] == 0
         off = _off_plane(own, inverse[near], limit[near])
-        if np.mean(off[own] < 1.0) < PLANE:
+        if not _is_plane(own, off):
             continue
         reached = ndimage.binary_dilation(own, iterations=GROWTH, mask=own | (free & (off < 1.0)))
         taken = reached & (off < nearest[near])

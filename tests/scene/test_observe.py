@@ -10,7 +10,7 @@ import pytest
 from pmpnbp.errors import ScanError
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
-from pmpnbp.scene.observation import NO_DEPTH, OBJECT, OUTSIDE, SUPPORT, Scan
+from pmpnbp.scene.observation import NO_DEPTH, OBJECT, OUTSIDE, SUPPORT, Scan, View
 from pmpnbp.scene.observe import MARGIN, observe
 from pmpnbp.scene.work_image import turned_back
 from tests.scene.box_rooms import FLOOR, WALL, camera_at, see
@@ -18,6 +18,13 @@ from tests.scene.box_rooms import FLOOR, WALL, camera_at, see
 BOX = (0.2, -0.2, 0.0, 0.5, 0.2, 0.5)
 ROI = np.array([0.1, -0.3, -0.1, 0.6, 0.3, 0.6])
 SCAN = see(camera_at([1.8, 0.6, 1.2], [0.3, 0.0, 0.3], width=640, height=480), [FLOOR, WALL, BOX])
+
+
+def points_of(view: View) -> np.ndarray:
+    """(h, w, 3) metres, world: what each pixel of a view sees."""
+    return poses.transform_points(
+        view.camera.pose_world_camera, view.camera.back_project(view.depth).astype(np.float64)
+    )
 
 
 def test_the_whole_picture_without_a_roi() -> None:
@@ -34,9 +41,7 @@ def test_the_whole_picture_without_a_roi() -> None:
 def test_the_image_holds_the_roi_and_a_margin(width: int) -> None:
     observation = observe([SCAN], ROI, width=width)
     (view,) = observation.views
-    points = poses.transform_points(
-        view.camera.pose_world_camera, view.camera.back_project(view.depth).astype(np.float64)
-    )
+    points = points_of(view)
     inside = ((points >= ROI[:3]) & (points <= ROI[3:])).all(axis=-1) & (view.depth > 0)
     rows, columns = np.nonzero(turned_back(inside, view.turn, view.camera))
     margin = min(MARGIN, width // 8)
@@ -52,9 +57,7 @@ def test_the_image_holds_the_roi_and_a_margin(width: int) -> None:
 def test_work_pixels_look_where_the_scan_measured() -> None:
     """Planes in the scan are the same planes in the binned picture: floor points of the view lie at z = 0."""
     (view,) = observe([SCAN], ROI).views
-    points = poses.transform_points(
-        view.camera.pose_world_camera, view.camera.back_project(view.depth).astype(np.float64)
-    )
+    points = points_of(view)
     floor = (view.category == SUPPORT) & (points[..., 0] > 0.05)
     assert floor.sum() > 1000
     # half a work pixel is 3 mm of floor at this distance and slope; the median is nearer
@@ -98,9 +101,7 @@ def test_a_shut_door_is_not_its_wall_nor_the_floor_before_it(
     observation = observe([scan], np.array([-0.2, -0.7, -0.1, 0.4, 0.7, 2.2]))
     assert len(observation.planes) == 2
     (view,) = observation.views
-    points = poses.transform_points(
-        view.camera.pose_world_camera, view.camera.back_project(view.depth).astype(np.float64)
-    )
+    points = points_of(view)
     across = (np.abs(points[..., 1]) < 0.42) & (np.abs(points[..., 0] - thick) < 0.03) & (view.depth > 0)
     upper, lowest = across & (points[..., 2] > 0.1) & (points[..., 2] < 1.95), across & (points[..., 2] < 0.01)
     assert upper.sum() > 500 and lowest.sum() > 5

@@ -21,7 +21,9 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.scene.articulated_object import Mesh
 
-# A turned surface stays within 0.5 % of its radius of the round one.
+# Flat faces with their corners on a round surface make a shape that is too small, and is found too near to the camera:
+# corners lie so far outside that the volume is the round shape's. The faces stay within 0.7 % of a sphere's radius, and
+# within 0.4 % of a cylinder's.
 ROUND_SEGMENTS, SPHERE_SUBDIVISIONS = 32, 2
 # Vertices further out than this (metres) are damage, and would spoil every later bounding box.
 MAX_COORDINATE = 1e5
@@ -48,13 +50,16 @@ def box(size: ArrayLike) -> Mesh:
 
 
 def cylinder(radius: float, length: float) -> Mesh:
-    """A cylinder about the z axis, its middle at the origin; `radius` and `length` in metres. Vertices lie on it."""
-    return _from_trimesh(trimesh.creation.cylinder(radius=radius, height=length, sections=ROUND_SEGMENTS))
+    """A cylinder about the z axis, its middle at the origin; `radius` and `length` in metres."""
+    angle = 2 * np.pi / ROUND_SEGMENTS
+    outside = radius * float(np.sqrt(angle / np.sin(angle)))
+    return _from_trimesh(trimesh.creation.cylinder(radius=outside, height=length, sections=ROUND_SEGMENTS))
 
 
 def sphere(radius: float) -> Mesh:
-    """A sphere about the origin, `radius` in metres; 320 triangles, vertices on it."""
-    return _from_trimesh(trimesh.creation.icosphere(subdivisions=SPHERE_SUBDIVISIONS, radius=radius))
+    """A sphere about the origin, `radius` in metres; 320 triangles."""
+    ball = trimesh.creation.icosphere(subdivisions=SPHERE_SUBDIVISIONS, radius=1.0)
+    return _from_trimesh(ball.apply_scale(radius * float(np.cbrt(4 / 3 * np.pi / ball.volume))))
 
 
 def load_mesh(data: bytes, extension: str, what: str, triangle_limit: int) -> Mesh:

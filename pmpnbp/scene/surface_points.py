@@ -13,17 +13,23 @@ from pmpnbp.scene.articulated_object import Mesh
 
 
 def even_points(mesh: Mesh, count: int) -> Array:
-    """(count, 3) points spread evenly over the surface by area, the same ones each time.
+    """(count, 3) points spread evenly over the surface by area, the same ones each time."""
+    return even_oriented_points(mesh, count)[0]
+
+
+def even_oriented_points(mesh: Mesh, count: int) -> tuple[Array, Array]:
+    """The points (count, 3) of `even_points`, and the unit normals (count, 3) of their triangles.
 
     Equal steps through the running sum of areas choose the triangles, an additive recurrence (the plastic number's,
     Roberts 2018) the place in each.
     """
-    cumulative = np.cumsum(np.linalg.norm(_crosses(mesh), axis=1))
+    crosses = _crosses(mesh)
+    doubled = np.linalg.norm(crosses, axis=1)
+    cumulative = np.cumsum(doubled)
     steps = np.arange(count) + 0.5
     face = np.minimum(np.searchsorted(cumulative, steps / count * cumulative[-1]), len(mesh.faces) - 1)
-    return _within(
-        mesh.vertices[mesh.faces[face]], (steps[:, None] * np.array([0.7548776662466927, 0.5698402909980532])) % 1.0
-    )
+    uv = (steps[:, None] * np.array([0.7548776662466927, 0.5698402909980532])) % 1.0
+    return _within(mesh.vertices[mesh.faces[face]], uv), crosses[face] / doubled[face, None]
 
 
 def area(mesh: Mesh) -> float:

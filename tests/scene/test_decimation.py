@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.scene.articulated_object import Mesh
 from pmpnbp.scene.decimation import decimate, deviation, reduced, seen_from_outside
 from pmpnbp.scene.meshes import EMPTY, box, joined, sphere, transformed, welded
+from pmpnbp.scene.surface_points import even_oriented_points, even_points
 
 
 def fine_sphere(radius: float = 1.0) -> Mesh:
@@ -31,6 +35,48 @@ def test_a_sphere_is_reduced_to_the_budget_and_stays_a_sphere(budget: int) -> No
     corners = small.vertices[small.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert np.all(np.einsum("nd,nd->n", normals, corners.mean(axis=1)) > 0)  # outward still
+
+
+def radii(mesh: Mesh) -> NDArray[np.float64]:
+    """How far points all over a mesh are from the origin."""
+    return np.linalg.norm(even_points(mesh, 20_000), axis=1)
+
+
+@pytest.mark.parametrize("budget", [60, 200, 1000])
+def test_a_reduced_sphere_is_neither_smaller_nor_larger_than_it_was(budget: int) -> None:
+    before, after = radii(fine_sphere()), radii(decimate(fine_sphere(), budget))
+    # of faces whose corners lie on the sphere every point is within it, by two thirds of a sagitta in the mean
+    sagitta = 4 * np.pi / budget / 3**1.5
+    assert abs(after.mean() - before.mean()) < sagitta / 20
+    assert np.sqrt(np.mean((after - before.mean()) ** 2)) < sagitta
+
+
+def test_a_bent_sheet_of_two_sides_keeps_its_thickness_and_lies_where_it_was() -> None:
+    flat = trimesh.creation.box([1.0, 1.0, 0.004])
+    for _ in range(6):
+        flat = flat.subdivide()
+    bent = np.asarray(flat.vertices) + 0.05 * np.sin(4 * np.asarray(flat.vertices)[:, :1]) * [0.0, 0.0, 1.0]
+    sheet = Mesh(bent, np.asarray(flat.faces, dtype=np.int32))
+    small = decimate(sheet, 300)
+    assert len(small.faces) <= 300 < len(sheet.faces)
+    points, normals = even_oriented_points(small, 20_000)
+    height = points[:, 2] - 0.05 * np.sin(4 * points[:, 0])
+    for way in (1.0, -1.0):
+        side = height[way * normals[:, 2] > 0.5]
+        assert np.mean(side) == pytest.approx(0.002 * way, abs=1e-4)
+        assert np.std(side) < 5e-4
+
+
+@given(seed=st.integers(0, 10_000), corners=st.integers(8, 60), faces=st.integers(20, 200), budget=st.integers(4, 60))
+@settings(max_examples=40, deadline=None)
+def test_any_heap_of_triangles_stays_where_it_was(seed: int, corners: int, faces: int, budget: int) -> None:
+    rng = np.random.default_rng(seed)
+    heap = Mesh(rng.normal(size=(corners, 3)), rng.integers(corners, size=(faces, 3)).astype(np.int32))
+    small, whole = decimate(heap, budget), welded(heap)
+    assert len(small.faces) <= len(whole.faces)
+    reach = np.ptp(whole.vertices, axis=0)
+    assert np.all(small.vertices > whole.vertices.min(axis=0) - 0.2 * reach)
+    assert np.all(small.vertices < whole.vertices.max(axis=0) + 0.2 * reach)
 
 
 def test_reducing_never_adds_and_always_gives_the_same() -> None:

@@ -10,6 +10,7 @@ from pmpnbp.errors import ModelError
 from pmpnbp.geometry import poses
 from pmpnbp.scene.articulated_object import Mesh
 from pmpnbp.scene.meshes import box, cylinder, joined, load_mesh, sphere, transformed, welded
+from pmpnbp.scene.surface_points import even_points
 
 KINDS = (".stl", ".obj", ".dae", ".glb", ".ply")
 
@@ -106,14 +107,21 @@ def test_too_many_triangles(kind: str) -> None:
 def test_primitives_have_their_sizes_and_face_outward() -> None:
     np.testing.assert_allclose(np.ptp(box([1, 2, 3]).vertices, axis=0), [1, 2, 3])
     assert volume(box([1, 2, 3])) == pytest.approx(6)
-    np.testing.assert_allclose(np.ptp(cylinder(0.5, 3).vertices, axis=0), [1, 1, 3])
-    rim = np.linalg.norm(cylinder(0.5, 3).vertices[:, :2], axis=1)
-    np.testing.assert_allclose(rim[rim > 0.1], 0.5)
-    assert volume(cylinder(0.5, 3)) == pytest.approx(np.pi * 0.75, rel=0.01)
-    np.testing.assert_allclose(np.linalg.norm(sphere(2).vertices, axis=1), 2)
-    assert volume(sphere(2)) == pytest.approx(np.pi * 32 / 3, rel=0.04)
+    np.testing.assert_allclose(np.ptp(cylinder(0.5, 3).vertices, axis=0), [1, 1, 3], rtol=0.004)
+    assert volume(cylinder(0.5, 3)) == pytest.approx(np.pi * 0.75)
+    assert volume(sphere(2)) == pytest.approx(np.pi * 32 / 3)
     for mesh in (box([1, 2, 3]), cylinder(0.5, 3), sphere(2)):
         np.testing.assert_allclose((mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)), 0, atol=1e-12)
+
+
+def test_round_primitives_lie_about_the_round_surface_as_far_within_as_beyond() -> None:
+    from_middle = np.linalg.norm(even_points(sphere(2), 20_000), axis=1)
+    assert from_middle.mean() == pytest.approx(2, rel=1e-4)
+    assert 0.993 * 2 < from_middle.min() < 1.99 < 2.01 < from_middle.max() < 1.013 * 2
+    side = even_points(cylinder(0.5, 3), 20_000)
+    from_axis = np.linalg.norm(side[np.abs(side[:, 2]) < 1.499, :2], axis=1)
+    assert from_axis.mean() == pytest.approx(0.5, rel=1e-4)
+    assert 0.996 * 0.5 < from_axis.min() < from_axis.max() < 1.004 * 0.5
 
 
 @pytest.mark.parametrize("scale", [2.0, (1, 2, 3), (-1, 1, 1), (-1, -2, 1), (-1, -1, -1)])

@@ -4,6 +4,8 @@ it does not fit: the nearer they come to the density, the fewer draws it takes.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,7 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature
 from pmpnbp.readout.importance_sampling import Grid, LogDensity
 from pmpnbp.readout.log_posterior import confidence, log_posterior
+from pmpnbp.readout.particle_statistics import short_way_round
 from pmpnbp.scene.prior import GaussianPrior
 
 # Cells over a joint's range, and the least share of a uniform density in draws from them.
@@ -22,8 +25,9 @@ STRIDE, HOPELESS = 4, 250.0
 # Densities along one axis alone, and of a few places, are taken this much less sharp: the other coordinates are not
 # quite where they are taken to be, and the score is rough, by some nats. Where few draws count so are their weights.
 HALF_SURE = 0.5
-# A joint is drawn over its range where so much of its weight lies so many standard deviations from the mode.
-ELSEWHERE, FAR = 0.02, 4.0
+# A joint is drawn over its range where so much of its weight lies so many standard deviations from the mode, and all of
+# it in more cells than PEAKED, as many of equal weight.
+ELSEWHERE, FAR, PEAKED = 0.02, 4.0, 4.0
 # Metres and radians: how far a parameter that the scan does not hold is started from.
 LOOSE = 0.02
 # An axis of the first proposal is flat where it has this share of the variance of what is not held; where along it the
@@ -33,6 +37,15 @@ FLAT, SCANNED = 0.25, (0.001, 0.002, 0.004, 0.008, 0.015, 0.03, 0.06, 0.12, 0.25
 # coordinate, once at the least, and at the most, and what share of its own at least: of a proposal that is too narrow a
 # few draws of many coordinates count as if there were nothing beyond them, while draws of few are told as wide as it.
 NEAR, WIDER_EACH, WIDER, NARROW = (0.25, 0.5, 1.0, 2.0), 0.16, 3.0, 0.1
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """Where one joint of a configuration could as well be. grids : of those that could be anywhere; joints : (K, D) of
+    each that is not hopeless elsewhere, in the best place far from where it is"""
+
+    grids: tuple[Grid, ...]
+    joints: Array
 
 
 def curvature_information(
@@ -72,39 +85,48 @@ def _variances(density: LogDensity, here: float, axes: Array, distances: Array) 
     return np.divide(spread, mass, out=np.zeros(len(axes)), where=mass > 0)
 
 
-def joint_grids(problem: Problem, root: Array, joints: Array, here: float, stds: Array) -> tuple[Grid, ...]:
-    """Where joints could as well be, all others as they are: offsets to the positions of those whose weight lies
-    elsewhere than within a few of `stds` (D,) from where they are, or a cell from there where that is not told.
-    here : the log posterior where they are"""
+def joints_elsewhere(problem: Problem, root: Array, joints: Array, here: float, stds: Array) -> Elsewhere:
+    """Where joints could as well be, all others as they are.
+
+    A joint has a grid, of offsets to its position, where its weight lies elsewhere than within a few of `stds` (D,)
+    from where it is, or a cell from there where that is not told. here : the log posterior where they are
+    """
     model = problem.mrf.model
     spans = model.upper - model.lower
     moving = np.flatnonzero((spans > 0) & np.isfinite(spans))
     if not len(moving):
-        return ()
+        return Elsewhere((), np.zeros((0, model.dof)))
     offsets = (np.arange(CELLS) + 0.5) / CELLS * spans[moving, None] + (model.lower - joints)[moving, None]
     cells = spans / CELLS
     # no Gaussian fits a joint of which the curvature tells nothing
     told = stds**2 < FLAT * LOOSE**2
-    distant = np.abs(offsets) > np.where(told, FAR * np.maximum(stds, cells), cells)[moving, None]
+    away = np.abs(short_way_round(offsets, model.wraps[moving, None]))
+    distant = away > np.where(told, FAR * np.maximum(stds, cells), cells)[moving, None]
     log = np.full(offsets.shape, -np.inf)
     first = np.arange(CELLS) % STRIDE == STRIDE // 2
     log[:, first] = _along(problem, root, joints, moving, offsets[:, first])
     groups = distant.reshape(len(moving), -1, STRIDE).any(axis=2)
     open_ = np.any(groups & (log[:, first] > here - HOPELESS), axis=1)
     log[np.ix_(open_, ~first)] = _along(problem, root, joints, moving[open_], offsets[np.ix_(open_, ~first)])
-    found = []
+    grids, others = [], []
     for place in np.flatnonzero(open_):
         coordinate = moving[place]
         top = max(here, log[place].max())
         beyond = cells[coordinate] * np.exp(log[place, distant[place]] - top).sum()
         near = np.sqrt(2 * np.pi) * min(float(stds[coordinate]), spans[coordinate]) * np.exp(here - top)
-        if beyond <= ELSEWHERE * (beyond + near):
-            continue
+        best = int(np.where(distant[place], log[place], -np.inf).argmax())
+        if log[place, best] > here - HOPELESS:
+            others.append(joints + offsets[place, best] * (np.arange(model.dof) == coordinate))
         weights = np.exp(HALF_SURE * (log[place] - log[place].max()))
-        weights = (1 - UNIFORM) * weights / weights.sum() + UNIFORM / CELLS
+        weights /= weights.sum()
+        # two sharp peaks are two modes, and weighed as such
+        peaked = PEAKED * (weights @ weights) > 1
+        if peaked or beyond <= ELSEWHERE * (beyond + near):
+            continue
+        weights = (1 - UNIFORM) * weights + UNIFORM / CELLS
         begin = float(model.lower[coordinate] - joints[coordinate])
-        found.append(Grid(6 + int(coordinate), begin, begin + float(spans[coordinate]), weights))
-    return tuple(found)
+        grids.append(Grid(6 + int(coordinate), begin, begin + float(spans[coordinate]), weights))
+    return Elsewhere(tuple(grids), np.array(others).reshape(-1, model.dof))
 
 
 def _along(problem: Problem, root: Array, joints: Array, coordinates: NDArray[np.int64], offsets: Array) -> Array:

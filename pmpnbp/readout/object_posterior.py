@@ -20,7 +20,7 @@ from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.chain_bends import bends, bent_otherwise
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
-from pmpnbp.readout.first_proposal import LOOSE, curvature_information, joint_grids, measured_covariance
+from pmpnbp.readout.first_proposal import LOOSE, curvature_information, joints_elsewhere, measured_covariance
 from pmpnbp.readout.free_turn import free_turn, turned_anyhow
 from pmpnbp.readout.image_grain import grain
 from pmpnbp.readout.importance_sampling import LogDensity, Proposal, adaptive_importance
@@ -59,6 +59,8 @@ class ModeDraws:
     nuisances : (K, ...), see `potentials/nuisances.py`; None where all are fixed
     nats : the log posterior at the configuration that was drawn about
     best_root, best_joints : (7,), (D,) of the draw of the highest density; gain : nats by which that is higher
+    elsewhere : (K, D) joint vectors of the configuration that was drawn about, each with one joint far from there, in
+        the best place for it alone
     log_evidence : of the mode: logarithm of the posterior's integral over it, up to what is the same for all modes
     log_room : logarithm of the volume that its joint positions fill, before they were bent, likewise
     effective_sample_size : how many draws of equal weight would tell as much
@@ -74,6 +76,7 @@ class ModeDraws:
     best_root: Array
     best_joints: Array
     gain: float
+    elsewhere: Array
     log_evidence: float
     log_room: float
     effective_sample_size: float
@@ -98,9 +101,9 @@ def mode_draws(
     size = len(information)
     here = float(density(np.zeros((1, size)))[0])
     covariance = measured_covariance(density, here, np.asarray(np.linalg.inv(information), dtype=np.float64))
-    grids = joint_grids(problem, root, joints, here, np.diag(information)[6 : 6 + model.dof] ** -0.5)
+    elsewhere = joints_elsewhere(problem, root, joints, here, np.diag(information)[6 : 6 + model.dof] ** -0.5)
     lower, upper = _limits(problem, joints, len(free))
-    first = Proposal(np.zeros(size), covariance, lower, upper, grids)
+    first = Proposal(np.zeros(size), covariance, lower, upper, elsewhere.grids)
     # nuisances go far together with the root, and proposals are long in following them
     power = MOST_POWER if len(free) else min(MOST_POWER, POWER * size)
     counts = (FIRST, *[max(LEAST, size * min(size, EACH))] * (ROUNDS - 1))
@@ -125,6 +128,7 @@ def mode_draws(
         best_root=best_roots[0],
         best_joints=within_limits(best_joints[0], model.lower, model.upper, model.wraps),
         gain=float(drawn.log_density[best] - here),
+        elsewhere=elsewhere.joints,
         log_evidence=drawn.log_integral,
         log_room=_log_room(weights, q),
         effective_sample_size=drawn.effective_sample_size,

@@ -1,5 +1,6 @@
-"""Where else could the object be? The places that the search compared last, a wrist or an elbow bent the other way, and
-for a long chain those bent otherwise, brought to their best where their score comes near the estimate's.
+"""Where else could the object be? The places that the search compared last, a joint in another place, a wrist or an
+elbow bent the other way, and for a long chain those bent otherwise, brought to their best where their score comes near
+the estimate's.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.confirmation import Confirmation, confirmation
 from pmpnbp.inference.crank_moves import crank_moves
+from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.mrf import part_motions
 from pmpnbp.inference.problem import LONG_CHAIN, Problem
 from pmpnbp.inference.tree_estimate import polish
@@ -21,6 +23,7 @@ from pmpnbp.inference.triple_moves import triple_moves
 from pmpnbp.readout.fit import assess
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.object_posterior import ModeDraws, misfit
+from pmpnbp.readout.particle_statistics import short_way_round
 
 # A rival is polished where its score is worse than the estimate's by a smaller share, and drawn from where it is then
 # worse by fewer nats, counted as they weigh: a broad mode may make up for some.
@@ -64,7 +67,7 @@ def contenders(
     another thing of the same kind: those are told first, then those that come near the estimate's mode, of all that are
     not within `reach` (N,) of it."""
     others, possible = triple_moves(problem.mrf, problem.mrf.part_poses(own.root, own.joints)[None], own.joints[None])
-    joints = others[possible]
+    joints = np.concatenate([others[possible], own.draws.elsewhere, _turned_by_half(problem, own.joints)])
     roots = np.tile(own.root, (len(joints), 1))
     if report.rivals is not None:
         roots = np.concatenate([report.rivals[:, :7], roots])
@@ -84,6 +87,17 @@ def contenders(
         # what is another thing, or leaves the region that the estimate is in, is no place of this one
         if _shared(own.seen, seen) >= SHARED and (own.seen.outside_region or not seen.outside_region):
             yield root, q, seen, False
+
+
+def _turned_by_half(problem: Problem, joints: Array) -> Array:
+    """(K, D): a configuration (D,) with each joint turned by half whose limits allow it: a bar looks the same then."""
+    model = problem.mrf.model
+    turns, one = problem.joint_turns, np.eye(model.dof)
+    # both ways round lead to the same place where an axis wraps
+    turned = joints + np.pi * np.concatenate([one[turns], -one[turns & ~model.wraps]])
+    put = within_limits(turned, model.lower, model.upper, model.wraps)
+    allowed = np.isclose(short_way_round(turned - put, model.wraps), 0.0).all(axis=1)
+    return put[allowed]
 
 
 def _polished(

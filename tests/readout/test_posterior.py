@@ -103,6 +103,34 @@ def test_a_hidden_elbow_may_be_bent_either_way() -> None:
         assert spread(problem, found, root, bent).certain(found, 0.02).tolist() == [True, False, False, True]
 
 
+def propeller() -> ArticulatedObject:
+    """A bar that turns about its middle, before a board: turned by half it looks the same."""
+    turn = Joint("turn", "continuous", "link0", "link1", at(-0.06, 0.0, 0.3), X, -np.pi, np.pi, (0,))
+    return articulated([turn], {"link0": block([0.04, 0.3, 0.5], at(z=0.25)), "link1": block([0.03, 0.4, 0.05])})
+
+
+@pytest.mark.parametrize("turned", [0.4, np.pi - 0.01])
+def test_a_joint_that_may_as_well_be_elsewhere_is_there_with_as_much_weight(turned: float) -> None:
+    """Though the search left no rival; a turn that nothing but its zero ends is in one place on both sides of that."""
+    model, root, joints = propeller(), at(1.3), np.array([turned])
+    seen = worlds.seen(model, root, joints, worlds.camera_at((0.0, 0.0, 0.4), (1.3, 0.0, 0.3)))
+    problem = problems.build(model, seen, UniformPrior("upright"), worlds.settings(), particles=20, seed=5)
+    _, made = run.begin(problem)
+    told = replace(
+        made,
+        iteration=12,
+        stage="belief propagation",
+        map_poses=problem.mrf.part_poses(root, joints),
+        map_joints=joints,
+    )
+    for seed in range(3):
+        found = of_estimate(replace(problem, seed=seed), told)
+        assert len(found.modes) == 2 and all(0.35 < mode.weight < 0.65 for mode in found.modes)
+        apart = np.abs(found.modes[0].joints - found.modes[1].joints)[0]
+        assert apart == pytest.approx(np.pi, abs=0.05)
+        assert spread(problem, found, root, joints).certain(found, 0.02).tolist() == [True, False]
+
+
 def test_nobody_is_certain_of_which_of_two_it_is(problem: Problem) -> None:
     both = of_estimate(problem, report(problem, TURNED))
     alone = of_estimate(problem, report(problem))

@@ -149,6 +149,10 @@ class Estimate(BaseModel):
     depth_noise_area: list[float] = Field(
         description="of each view: so many pixels of the working image err as one; 1 where each errs on its own"
     )
+    depth_distortion: list[float] = Field(
+        description="of each view, metres: standard deviation at the object of errors that are smooth over all of a "
+        "part; 0 where flat surfaces of the scan show none"
+    )
     nuisances: dict[str, NuisanceEstimate] = Field(
         description="depth_scale/VIEW, camera/VIEW/AXIS and size/AXIS, where the settings leave them free"
     )

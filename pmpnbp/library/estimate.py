@@ -63,7 +63,8 @@ class Estimate:
     links : by name; joints : the moving ones, by name; alternatives : whole objects, heaviest first
     unknown : a sentence for each joint and turn that the scan does not tell at all
     depth_noise : (V,) metres, standard deviation of each view's depths; depth_noise_area : (V,) pixels that err as one;
-        empty in results of old; nuisances : by name
+    depth_distortion : (V,) metres, of errors that are smooth over all of a part; empty in results of old
+    nuisances : by name
     truth : errors against the truth where that is known, as result.json has them
     """
 
@@ -88,6 +89,7 @@ class Estimate:
     unknown: tuple[str, ...]
     depth_noise: Array
     depth_noise_area: Array
+    depth_distortion: Array
     nuisances: Mapping[str, Nuisance]
     truth: Mapping[str, Any] | None
     _members: Mapping[str, Any]
@@ -206,6 +208,7 @@ def _estimate(members: Mapping[str, Any], scene: Scene | None) -> Estimate:
         unknown=tuple(members.get("unknown") or ()),
         depth_noise=np.array(members.get("depth_noise") or (), dtype=np.float64),
         depth_noise_area=np.array(members.get("depth_noise_area") or (), dtype=np.float64),
+        depth_distortion=np.array(members.get("depth_distortion") or (), dtype=np.float64),
         nuisances={name: Nuisance(**entry) for name, entry in (members.get("nuisances") or {}).items()},
         truth=members.get("truth"),
         _members=members,

@@ -106,6 +106,7 @@ class Estimate:
     part_poses : (N, 7), part in world; joint_positions : (D,) the joint vector; both agree with the tree
     depth_noise : standard deviation of each view's depths at the object, metres, that the inference goes by;
         depth_noise_area : pixels of it that err as one, see `scene/depth_noise.py`
+    depth_distortion : likewise, of errors that are smooth over all of a part, see `scene/depth_distortion.py`
     posterior : what the scan leaves open, or None where it was not read out; alternatives : its modes, heaviest first
     unknown : a sentence for each joint and turn that the scan does not tell at all
     """
@@ -125,6 +126,7 @@ class Estimate:
     joints: tuple[JointEstimate, ...]
     depth_noise: tuple[float, ...]
     depth_noise_area: tuple[float, ...]
+    depth_distortion: tuple[float, ...]
     nuisances: tuple[NuisanceEstimate, ...] = ()
     posterior: Posterior | None = None
     alternatives: tuple[Alternative, ...] = ()
@@ -218,6 +220,7 @@ def estimate(
         moving,
         tuple(problem.noise.tolist()),
         tuple(problem.noise_area.tolist()),
+        tuple(view.distortion * view.distance for view in observation.views),
         _nuisance_estimates(stands),
         posterior,
         _alternatives(stands),

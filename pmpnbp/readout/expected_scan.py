@@ -23,7 +23,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import render, renders
-from pmpnbp.readout.image_grain import hidden_by_grain, noise_apart, shape, told_of_parts
+from pmpnbp.readout.image_grain import distorted, hidden_by_grain, noise_apart, shape, told_of_parts
 from pmpnbp.readout.log_posterior import confidence
 from pmpnbp.scene.observation import SUPPORT
 from pmpnbp.scene.sizes import resized
@@ -146,11 +146,13 @@ def hidden(scan: ExpectedScan, probed: Probed) -> Array:
     grain, whatever its pixels tell."""
     problem, here, finer = scan.problem, probed.parts[:, 0], float(np.sqrt(scan.share))
     told, noise = [], float(noise_apart(problem)[0])
+    radii, distortion = problem.mrf.radii, problem.observation.views[0].distortion
     for parts, maps in zip(here, _seen(scan, here, np.zeros(len(problem.nuisance_std))), strict=True):
         depth, number = render(scan.camera, problem.surfaces, maps)
         shown = (depth > 0) & (depth <= scan.hidden.reshape(depth.shape))
         middles = poses.transform_points(parts, problem.mrf.centres)
-        told.append(told_of_parts(scan.camera, depth, number, shown, middles, problem.tolerance_end, noise, finer))
+        seen = told_of_parts(scan.camera, depth, number, shown, middles, problem.tolerance_end, noise, finer)
+        told.append(distorted(seen, scan.camera, distortion, middles, radii))
     return hidden_by_grain(problem.mrf, probed.parts, probed.steps, np.array(told), shape(problem))
 
 

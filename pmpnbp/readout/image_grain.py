@@ -28,6 +28,9 @@ EDGE, FACE, NOISY, INWARD = 0.5, 0.3, 1.25, 0.065
 # A part as a whole is off by so much of its radius, however many pixels tell of it, and where sizes are free by so much
 # more of what they may be: sizes along three axes are not all that may be wrong of a model.
 WHOLE, SHAPE = 0.0003, 0.04
+# A part is off by so many times the smooth error of depth that the scan's flat surfaces show
+# (`scene/depth_distortion.py`): that of it which is flat itself they do not.
+DISTORTED = 1.5
 # Beside an outline is what lies behind it by more than so many tolerances: up to that, what is seen there may confirm
 # either. A surface that falls away so steeply counts, too: without it coverage is the same, and next views are chosen
 # less well.
@@ -62,7 +65,8 @@ def grain(problem: Problem, root: Array, joints: Array) -> Array:
         if view.distance <= 0:
             continue
         near = (depth > 0) & (view.depth > 0) & (np.abs(view.depth - depth) < problem.tolerance_end)
-        told += told_of_parts(view.camera, depth, number, near, middles, problem.tolerance_end, float(noise[place]))
+        in_view = told_of_parts(view.camera, depth, number, near, middles, problem.tolerance_end, float(noise[place]))
+        told += distorted(in_view, view.camera, view.distortion, middles, mrf.radii)
         # what seems smaller by its outlines seems farther off
         gap = middles.mean(axis=0) - np.asarray(view.camera.pose_world_camera)[:3]
         footprint = view.distance / view.camera.fx
@@ -113,6 +117,24 @@ def told_of_parts(
     z = depth[row, column, None].astype(np.float64)
     off = np.hypot(FACE * z / camera.fx / finer, noise)
     return found + _gathered(camera, depth, number, (row, column), finer * z * normals / off, middles)
+
+
+def distorted(told: Array, camera: Camera, distortion: float, middles: Array, radii: Array) -> Array:
+    """(N, 6, 6) of what is `told` of parts, (N, 6, 6) likewise, where smooth errors of depths move and tilt each on its
+    own: along the line of sight, and by as much at its rim.
+
+    distortion : the deviation of these, as a share of the depth; middles : (N, 3) in world; radii : (N,) metres
+    """
+    if not distortion:
+        return told
+    away = middles - np.asarray(camera.pose_world_camera)[:3]
+    distance = np.linalg.norm(away, axis=1)
+    sight = np.einsum("ni,nj->nij", away, away) / distance[:, None, None] ** 2
+    off = (DISTORTED * distortion * distance)[:, None, None]
+    own = np.zeros_like(told)
+    own[:, :3, :3] = off**2 * sight
+    own[:, 3:, 3:] = (off / np.maximum(radii, LITTLE)[:, None, None]) ** 2 * (np.eye(3) - sight)
+    return np.asarray(np.linalg.solve(np.eye(6) + told @ own, told), dtype=np.float64)
 
 
 def outlines(depth: NDArray[np.float32], shown: NDArray[np.bool_], tolerance: float) -> tuple[Pixels, Array]:

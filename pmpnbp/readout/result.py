@@ -66,6 +66,7 @@ def to_result(found: Estimate, truth: Mapping[str, Any] | None = None) -> dict[s
         "unknown": list(found.unknown),
         "depth_noise": list(found.depth_noise),
         "depth_noise_area": list(found.depth_noise_area),
+        "depth_distortion": list(found.depth_distortion),
         "nuisances": {
             entry.name: {"value": entry.value, "std": entry.std, "prior_std": entry.prior_std}
             for entry in found.nuisances

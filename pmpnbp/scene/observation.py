@@ -41,6 +41,7 @@ class View:
     category : (h, w) uint8: NO_DEPTH, OBJECT (may be the object), SUPPORT (on a support plane), OUTSIDE (measured,
         but outside the region of interest), CONTINUED (on a smooth surface longer than any part of the object)
     normals : (h, w, 3) float32, in the camera frame, towards the camera; zero where unknown
+    distortion : deviation of smooth errors of the depth, as a share of it, see `scene/depth_distortion.py`
     """
 
     camera: Camera
@@ -48,6 +49,7 @@ class View:
     category: NDArray[np.uint8]
     normals: NDArray[np.float32]
     turn: float = 0.0
+    distortion: float = 0.0
 
     @cached_property
     def pose_world_scan(self) -> Array:

@@ -17,10 +17,11 @@ from pmpnbp.errors import ScanError
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import IDENTITY, Array
+from pmpnbp.scene.depth_distortion import depth_distortion
 from pmpnbp.scene.normals import surface_normals
 from pmpnbp.scene.observation import CONTINUED, NO_DEPTH, OBJECT, OUTSIDE, SUPPORT, Observation, Scan, View
 from pmpnbp.scene.patches import patch_lengths
-from pmpnbp.scene.support_planes import ScenePoints, find_support_planes
+from pmpnbp.scene.support_planes import ScenePoints, find_support_planes, flat_surfaces
 from pmpnbp.scene.work_image import WorkImage, work_image
 
 # Pixels of the work image kept around the region's points; of a small image not more than one in so many of its width,
@@ -68,13 +69,17 @@ def observe(
         raise ScanError(_nothing_in(scans, roi))
     scene = scene_points(scans, roi, plane_tolerance, plane_tolerance_growth)
     above = presumed_up(scans, up)
-    planes = find_support_planes(scene, above, up_is_known=up is not None or has_pose(scans))
+    flat = flat_surfaces(scene)
+    planes = find_support_planes(scene, flat, above, up_is_known=up is not None or has_pose(scans))
     upright = np.abs(planes[:, :3] @ above) < UPRIGHT
     views, points, normals = [], [], []
-    for image in images:
+    surfaces = np.array([plane for plane, _ in flat]).reshape(-1, 4)
+    for scan, image in zip(scans, images, strict=True):
         if image is None:  # this scan does not see the region
             continue
         view = _view(image, roi, planes, upright, plane_tolerance, plane_tolerance_growth)
+        distortion = depth_distortion(scan.camera, scan.depth, surfaces, plane_tolerance, plane_tolerance_growth)
+        view = replace(view, distortion=distortion)
         view_points, view_normals = _oriented_points(view)
         views.append(view)
         points.append(view_points)

@@ -28,7 +28,15 @@ from pmpnbp.scene.observe import common_frame, has_pose, presumed_up, scene_poin
 from pmpnbp.scene.region import Region
 from pmpnbp.scene.shape_fit import Shapes, best_fit, shapes
 from pmpnbp.scene.sizes_over_joints import reaches, sides, sides_over_joints, united
-from pmpnbp.scene.support_planes import ALIGNED, LEAST_BREADTH, ScenePoints, large_planes, leave_an_object, level_tops
+from pmpnbp.scene.support_planes import (
+    ALIGNED,
+    LEAST_BREADTH,
+    ScenePoints,
+    flat_surfaces,
+    large_planes,
+    leave_an_object,
+    level_tops,
+)
 from pmpnbp.scene.support_planes import LEAST_LENGTH as LEAST_LENGTH_OF_TOP
 
 MOST_REGIONS = 6
@@ -93,7 +101,7 @@ def propose_regions(scans: Sequence[Scan], model: ArticulatedObject | None = Non
     to_camera = poses.inverse(scans[0].camera.pose_world_camera)
     scene = _thinned(scene_points(scans), to_camera)
     presumed, known = presumed_up(scans, None), has_pose(scans)
-    every = large_planes(scene, presumed, up_is_known=known)
+    every = large_planes(scene, flat_surfaces(scene), presumed, up_is_known=known)
     planes = leave_an_object(scene, every, presumed, up_is_known=known)
     up = up_direction(scans, planes, None)
     to_upright = _to_upright(up, scans[0].camera.pose_world_camera)

@@ -11,6 +11,7 @@ deterministic without a random draw.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,6 +45,9 @@ LEVEL, PRESUMED_LEVEL = 0.966, 0.5
 SKIRT = 3.0
 
 
+FlatSurface = tuple[Array, NDArray[np.bool_]]
+
+
 @dataclass(frozen=True)
 class ScenePoints:
     """Oriented points of a whole scene, thinned.
@@ -63,36 +67,44 @@ class ScenePoints:
     has_roi: bool
 
 
-def find_support_planes(scene: ScenePoints, up: Array, *, up_is_known: bool) -> Array:
-    """Support planes (K, 4) of `scene`, K at most 4, n·x + d = 0 in world, n towards the cameras, largest first.
+def find_support_planes(scene: ScenePoints, flat: Sequence[FlatSurface], up: Array, *, up_is_known: bool) -> Array:
+    """Support planes (K, 4) among the `flat_surfaces` of `scene`, K at most 4, n·x + d = 0 in world, n towards the
+    cameras, largest first.
 
     up : (3,) unit vector, world, away from the ground; up_is_known : False where it is only the picture's upward
         direction, from which the vertical may lean by up to 60°
     """
-    planes = large_planes(scene, up, up_is_known=up_is_known)
+    planes = large_planes(scene, flat, up, up_is_known=up_is_known)
     return planes if scene.has_roi else leave_an_object(scene, planes, up, up_is_known=up_is_known)
 
 
-def large_planes(scene: ScenePoints, up: Array, *, up_is_known: bool) -> Array:
+def large_planes(scene: ScenePoints, flat: Sequence[FlatSurface], up: Array, *, up_is_known: bool) -> Array:
     """As `find_support_planes`, with those that may be an object that fills the picture."""
     level = LEVEL if up_is_known else PRESUMED_LEVEL
+    planes = [
+        plane
+        for plane, on_plane in flat
+        if _bounds_the_scene(scene, plane, on_plane)
+        or _carries_the_object(scene, plane, on_plane, bool(plane[:3] @ up >= level))
+    ]
+    return np.array(planes[:MOST_PLANES]).reshape(-1, 4)
+
+
+def flat_surfaces(scene: ScenePoints) -> list[FlatSurface]:
+    """The largest planes (4,) of a scene, whatever they are, and which of its points (P,) are on each."""
     free = np.ones(len(scene.points), dtype=bool)
-    planes: list[Array] = []
-    candidates = 0
-    while len(planes) < MOST_PLANES and candidates < 3 * MOST_PLANES:
-        candidates += 1
+    found: list[FlatSurface] = []
+    while len(found) < 3 * MOST_PLANES:
         plane = _largest_plane(scene, free)
         if plane is None:
             break
-        on_plane = np.abs(scene.points @ plane[:3] + plane[3]) < scene.tolerances
+        distance = np.abs(scene.points @ plane[:3] + plane[3])
+        on_plane = distance < scene.tolerances
         if (on_plane & free).sum() < LEAST_SHARE * len(scene.points):
             break
-        if _bounds_the_scene(scene, plane, on_plane) or _carries_the_object(
-            scene, plane, on_plane, bool(plane[:3] @ up >= level)
-        ):
-            planes.append(plane)
-        free &= np.abs(scene.points @ plane[:3] + plane[3]) >= SKIRT * scene.tolerances
-    return np.array(planes).reshape(-1, 4)
+        found.append((plane, on_plane))
+        free &= distance >= SKIRT * scene.tolerances
+    return found
 
 
 def leave_an_object(scene: ScenePoints, planes: Array, up: Array, *, up_is_known: bool) -> Array:

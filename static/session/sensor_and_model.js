@@ -5,7 +5,7 @@ import { degrees, fineCentimetres, percent } from "./format.js";
 
 const AXES = { rx: "turn about x", ry: "turn about y", rz: "turn about z" };
 
-export function sensorAndModel({ depth_noise: noise, depth_noise_area: areas, nuisances }) {
+export function sensorAndModel({ depth_noise: noise, depth_noise_area: areas, depth_distortion: smooth, nuisances }) {
   const many = noise.length > 1;
   const view = (index) => (many ? `, view ${index}` : "");
   const together = (area) => (area > 1 ? `, ${area.toFixed(1)} pixels as one` : "");
@@ -15,6 +15,9 @@ export function sensorAndModel({ depth_noise: noise, depth_noise_area: areas, nu
     `± ${fineCentimetres(std)}`,
     "",
   ]);
+  const distortions = smooth.flatMap((std, index) =>
+    std > 0 ? [[`depth distortion${view(index)}`, "–", `± ${fineCentimetres(std)}`, ""]] : [],
+  );
   const others = Object.entries(nuisances).map(([name, { value, std, prior_std: before }]) => {
     const [kind, ...rest] = name.split("/"); // a part's name may have a slash itself
     if (kind === "camera") {
@@ -25,5 +28,5 @@ export function sensorAndModel({ depth_noise: noise, depth_noise_area: areas, nu
     const what = kind === "size" ? `size of ${rest.join("/")}` : `depth scale${view(rest[0])}`;
     return [what, percent(value, 2), `± ${percent(std, 2)}`, `± ${percent(before, 2)}`];
   });
-  return [...depths, ...others];
+  return [...depths, ...distortions, ...others];
 }

@@ -76,6 +76,7 @@ def checked(result: dict[str, Any], method: str = "pmpnbp") -> None:
         "unknown",
         "depth_noise",
         "depth_noise_area",
+        "depth_distortion",
         "nuisances",
     ]
     assert (result["schema"], result["model"], result["method"]) == ("pmpnbp/estimate-2", "cabinet", method)

@@ -118,6 +118,11 @@ def test_what_sensor_and_model_have_wrong(page: Page, served: Served) -> None:
     shared = "import('/static/session/sensor_and_model.js').then((the) => the.sensorAndModel(told)[0][0])"
     told = found | {"depth_noise_area": [7.53]}
     assert page.evaluate(f"(told) => {shared}", told) == "depth noise, 7.5 pixels as one"
+    second = shared.replace("[0][0]", "[1].join()")
+    assert (
+        page.evaluate(f"(told) => {second}", told | {"depth_distortion": [0.0015]})
+        == "depth distortion,–,± 0.15\u202fcm,"
+    )
     # adding zero takes the sign from a zero
     value = f"{round(100 * scale['value'], 2) + 0.0:.2f}".replace("-", "\u2212")
     expect(rows.nth(2).get_by_role("cell")).to_have_text(

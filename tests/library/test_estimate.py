@@ -67,6 +67,7 @@ RESULT: dict[str, Any] = {
     "unknown": ["nothing tells the turn of 'base'"],
     "depth_noise": [0.001, 0.002],
     "depth_noise_area": [1.0, 7.5],
+    "depth_distortion": [0.0, 0.0015],
     "nuisances": {"depth scale": {"value": 0.01, "std": 0.001, "prior_std": 0.02}},
 }
 
@@ -91,6 +92,7 @@ def test_attributes_are_the_members() -> None:
     assert found.nuisances["depth scale"].prior_std == 0.02
     assert found.depth_noise.tolist() == [0.001, 0.002]
     assert found.depth_noise_area.tolist() == [1.0, 7.5]
+    assert found.depth_distortion.tolist() == [0.0, 0.0015]
 
 
 def test_to_dict_is_what_came_and_a_copy() -> None:

@@ -106,7 +106,7 @@ def test_changes_hold_from_the_next_iteration_on_and_are_recorded(tmp_path: Path
         changed.add_scan(CABINET / "second_view" / "depth.png", CABINET / "second_view" / "camera.json")
         assert changed.step(2).number == before + 2
         found = changed.estimate()
-        assert found.depth_noise.shape == found.depth_noise_area.shape == (2,)
+        assert found.depth_noise.shape == found.depth_noise_area.shape == found.depth_distortion.shape == (2,)
         again = changed._recorded(changed.newest.number, tmp_path / "unused.sqlite")
         assert again == path
     with pmpnbp.open_recording(path) as recorded:

@@ -17,6 +17,7 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.unary import render
 from pmpnbp.readout import image_grain
 from pmpnbp.readout.image_grain import (
+    DISTORTED,
     EDGE,
     FACE,
     JUMP,
@@ -24,6 +25,7 @@ from pmpnbp.readout.image_grain import (
     SHAPE,
     UNTOLD,
     WHOLE,
+    distorted,
     facing,
     grain,
     hidden_by_grain,
@@ -281,6 +283,35 @@ def test_pixels_that_err_together_tell_as_much_as_fewer_do() -> None:
     )
     np.testing.assert_allclose(known, noisier, rtol=1e-9)
     assert np.all(np.diag(known) > np.diag(apart))
+
+
+def test_what_is_told_of_a_part_and_its_own_smooth_error_add_up(rng: np.random.Generator) -> None:
+    """Two Gaussians, one after the other, have the sum of their covariances."""
+    told, middles, radii = some_told(rng, 3), np.array([[1.0, 0.2, 0.3], [2.0, 0.0, 0.1], [1.5, -1.0, 0.0]]), np.ones(3)
+    camera = worlds.camera_at((0.0, 0.0, 0.7), (1.0, 0.0, 0.2))
+    left = np.linalg.inv(distorted(told, camera, 0.002, middles, 0.3 * radii)) - np.linalg.inv(told)
+    for part, middle in enumerate(middles):
+        sight = middle - [0.0, 0.0, 0.7]
+        along = np.outer(sight, sight) / (sight @ sight)
+        off = DISTORTED * 0.002 * np.linalg.norm(sight)
+        expected = np.zeros((6, 6))
+        expected[:3, :3], expected[3:, 3:] = off**2 * along, (off / 0.3) ** 2 * (np.eye(3) - along)
+        np.testing.assert_allclose(left[part], expected, atol=1e-3 * off**2)
+    assert distorted(told, camera, 0.0, middles, radii) is told
+
+
+def test_smooth_errors_of_depth_let_the_object_be_nearer_or_farther() -> None:
+    made, root, joints = looked_at((0.0, 0.0, 0.7))
+    (view,) = made.observation.views
+    wavy = replace(made, observation=replace(made.observation, views=(replace(view, distortion=0.003),)))
+    still, moved = grain(made, root, joints), grain(wavy, root, joints)
+    sight = poses.transform_points(made.mrf.part_poses(root, joints), made.mrf.centres)[0] - [0.0, 0.0, 0.7]
+    off, along = DISTORTED * 0.003 * np.linalg.norm(sight), sight / np.linalg.norm(sight)
+    # by where outlines are they tell of its distance, too
+    assert 2 * np.sqrt(along @ still[:3, :3] @ along) < np.sqrt(along @ moved[:3, :3] @ along) < off
+    across = np.cross(along, [0.0, 0.0, 1.0])
+    assert np.sqrt(across @ moved[:3, :3] @ across) < 1.5 * np.sqrt(across @ still[:3, :3] @ across)
+    assert 2 * np.sqrt(still[6, 6]) < np.sqrt(moved[6, 6]) < 2 * off
 
 
 def test_a_free_depth_scale_lets_the_object_be_nearer_or_farther() -> None:

@@ -77,9 +77,8 @@ def observe(
     for scan, image in zip(scans, images, strict=True):
         if image is None:  # this scan does not see the region
             continue
-        view = _view(image, roi, planes, upright, plane_tolerance, plane_tolerance_growth)
         distortion = depth_distortion(scan.camera, scan.depth, surfaces, plane_tolerance, plane_tolerance_growth)
-        view = replace(view, distortion=distortion)
+        view = _view(image, distortion, roi, planes, upright, plane_tolerance, plane_tolerance_growth)
         view_points, view_normals = _oriented_points(view)
         views.append(view)
         points.append(view_points)
@@ -215,7 +214,13 @@ def pixel_categories(
 
 
 def _view(
-    image: WorkImage, roi: Array | None, planes: Array, upright: NDArray[np.bool_], base: float, growth: float
+    image: WorkImage,
+    distortion: float,
+    roi: Array | None,
+    planes: Array,
+    upright: NDArray[np.bool_],
+    base: float,
+    growth: float,
 ) -> View:
     """The view of a work image. upright : (K,) which of the `planes` (K, 4) are walls"""
     depth, camera = image.depth, image.camera
@@ -224,7 +229,8 @@ def _view(
     normals = surface_normals(depth, camera)
     for array in (depth, category, normals):
         array.setflags(write=False)
-    return _without_flush_patches(View(camera, depth, category, normals, image.turn), others, planes[upright])
+    view = View(camera, depth, category, normals, image.turn, distortion)
+    return _without_flush_patches(view, others, planes[upright])
 
 
 def _without_flush_patches(view: View, others: NDArray[np.uint8], walls: Array) -> View:

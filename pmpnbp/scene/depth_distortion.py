@@ -9,6 +9,8 @@ it). The part of it that is a plane itself stays unseen.
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,12 +40,13 @@ def depth_distortion(camera: Camera, depth: NDArray[np.float32], planes: Array, 
     mean, (x, y) = _thinned(camera, depth)
     pose = np.asarray(camera.pose_world_camera, dtype=np.float64)
     rays = np.stack([x, y, np.ones_like(x)], axis=-1)
+    lengths = np.linalg.norm(rays, axis=-1)
     shared, apart = [np.zeros(0)], [np.zeros(0)]
     for plane in planes:
         normal = poses.rotate(poses.quaternion_conjugate(pose[3:]), plane[:3])
         facing = -(rays @ normal)
         to_plane = np.divide(plane[:3] @ pose[:3] + plane[3], facing, out=np.zeros_like(x), where=facing > 0)
-        on_plane = (mean > 0) & (facing > ASLANT * np.linalg.norm(rays, axis=-1))
+        on_plane = (mean > 0) & (facing > ASLANT * lengths)
         on_plane &= np.abs(mean - to_plane) * facing < base + growth * mean**2
         inner = on_plane.copy()
         inner[1:] &= on_plane[:-1]
@@ -53,7 +56,7 @@ def depth_distortion(camera: Camera, depth: NDArray[np.float32], planes: Array, 
         if inner.sum() < FEWEST:
             continue
         error = np.zeros_like(mean)
-        error[inner] = 1 - mean[inner] * (rays[inner] @ np.linalg.lstsq(rays[inner], 1 / mean[inner], rcond=None)[0])
+        error[inner] = _beside_a_plane(rays[inner], mean[inner])
         cells, told = _cells(error, inner)
         for one, other, both in (
             (cells[1:], cells[:-1], told[1:] & told[:-1]),
@@ -66,14 +69,25 @@ def depth_distortion(camera: Camera, depth: NDArray[np.float32], planes: Array, 
     return float(np.sqrt(max(_variance(every) - CHANCE * _variance(np.concatenate(apart)), 0.0)))
 
 
+def _beside_a_plane(rays: Array, depth: Array) -> Array:
+    """(P,) shares by which depths (P,) on rays (P, 3) are less than the plane's through them, by least squares."""
+    # einsum adds in one order whatever the number of threads, so that the numbers repeat bit for bit
+    squares = np.einsum("pj,pk->jk", rays, rays, optimize=False)
+    # of a picture that is one row any plane through it
+    plane = np.linalg.lstsq(squares, np.einsum("pk,p->k", rays, 1 / depth), rcond=None)[0]
+    return np.asarray(1 - depth * np.einsum("pk,k->p", rays, plane), dtype=np.float64)
+
+
 def _thinned(camera: Camera, depth: NDArray[np.float32]) -> tuple[Array, tuple[Array, Array]]:
     """Mean depths (h, w) of blocks of pixels, 0 of those that are measured too little; and the slopes of their rays to
     the camera's axis, across and down."""
     block = max(min(camera.width // WIDTH, camera.height), 1)
     h, w = camera.height // block, camera.width // block
-    blocks = depth[: h * block, : w * block].reshape(h, block, w, block)
-    count = (blocks > 0).sum(axis=(1, 3))
-    total = blocks.sum(axis=(1, 3), dtype=np.float64)
+    total, count = np.zeros((h, w)), np.zeros((h, w))
+    for row, column in product(range(block), repeat=2):  # sums over axes take several times as long
+        pixels = depth[row : h * block : block, column : w * block : block]
+        total += pixels
+        count += pixels > 0
     mean = np.divide(total, count, out=np.zeros((h, w)), where=count > MEASURED * block**2)
     middle = (block - 1) / 2
     down, across = np.indices((h, w)) * block + middle

@@ -69,6 +69,9 @@ def test_what_is_linear_in_inverse_depth_is_another_plane_and_no_error() -> None
 def test_without_planes_or_depth_there_is_none(rng: np.random.Generator) -> None:
     assert found(0.002 * smooth(rng, 20.0), np.zeros((0, 4))) == 0.0
     assert found(-1.0) == 0.0
+    # a picture of one row, through which there are many planes
+    row = replace(CAMERA, height=1, cy=CAMERA.cy - 200)
+    assert depth_distortion(row, room()[200:201].astype(np.float32), PLANES, *TOLERANCE) < 1e-5
     # a plane that the camera is behind, and one that nothing lies on
     assert found(0.002 * smooth(rng, 20.0), np.array([[0, 0, 1, -5.0], [0.0, 0.0, 1.0, -0.4]])) == 0.0
 

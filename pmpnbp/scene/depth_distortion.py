@@ -13,11 +13,13 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.scene.depth_noise import NORMAL_MEDIAN
+from pmpnbp.scene.patches import plane_through
 
 # Pixels across of the thinned image, and of its cells; what is measured of a block and on the plane of a cell at least.
 WIDTH, CELL, MEASURED = 160, 5, 0.5
@@ -37,26 +39,21 @@ def depth_distortion(camera: Camera, depth: NDArray[np.float32], planes: Array, 
     depth : (height, width) metres; planes : (K, 4) flat surfaces of the scene, world, within whose tolerance
     base + growth z², metres, their pixels lie
     """
-    mean, (x, y) = _thinned(camera, depth)
-    pose = np.asarray(camera.pose_world_camera, dtype=np.float64)
-    rays = np.stack([x, y, np.ones_like(x)], axis=-1)
+    camera, mean = _thinned(camera, depth)
+    pose, rays = np.asarray(camera.pose_world_camera, dtype=np.float64), camera.rays().astype(np.float64)
+    inverse = np.divide(1.0, mean, out=np.zeros_like(mean), where=mean > 0)
     lengths = np.linalg.norm(rays, axis=-1)
     shared, apart = [np.zeros(0)], [np.zeros(0)]
     for plane in planes:
         normal = poses.rotate(poses.quaternion_conjugate(pose[3:]), plane[:3])
         facing = -(rays @ normal)
-        to_plane = np.divide(plane[:3] @ pose[:3] + plane[3], facing, out=np.zeros_like(x), where=facing > 0)
+        to_plane = np.divide(plane[:3] @ pose[:3] + plane[3], facing, out=np.zeros_like(mean), where=facing > 0)
         on_plane = (mean > 0) & (facing > ASLANT * lengths)
         on_plane &= np.abs(mean - to_plane) * facing < base + growth * mean**2
-        inner = on_plane.copy()
-        inner[1:] &= on_plane[:-1]
-        inner[:-1] &= on_plane[1:]
-        inner[:, 1:] &= on_plane[:, :-1]
-        inner[:, :-1] &= on_plane[:, 1:]
+        inner = ndimage.binary_erosion(on_plane, border_value=1)
         if inner.sum() < FEWEST:
             continue
-        error = np.zeros_like(mean)
-        error[inner] = _beside_a_plane(rays[inner], mean[inner])
+        error = np.where(inner, 1 - mean * plane_through(inner, inverse), 0.0)
         cells, told = _cells(error, inner)
         for one, other, both in (
             (cells[1:], cells[:-1], told[1:] & told[:-1]),
@@ -69,18 +66,9 @@ def depth_distortion(camera: Camera, depth: NDArray[np.float32], planes: Array, 
     return float(np.sqrt(max(_variance(every) - CHANCE * _variance(np.concatenate(apart)), 0.0)))
 
 
-def _beside_a_plane(rays: Array, depth: Array) -> Array:
-    """(P,) shares by which depths (P,) on rays (P, 3) are less than the plane's through them, by least squares."""
-    # einsum adds in one order whatever the number of threads, so that the numbers repeat bit for bit
-    squares = np.einsum("pj,pk->jk", rays, rays, optimize=False)
-    # of a picture that is one row any plane through it
-    plane = np.linalg.lstsq(squares, np.einsum("pk,p->k", rays, 1 / depth), rcond=None)[0]
-    return np.asarray(1 - depth * np.einsum("pk,k->p", rays, plane), dtype=np.float64)
-
-
-def _thinned(camera: Camera, depth: NDArray[np.float32]) -> tuple[Array, tuple[Array, Array]]:
-    """Mean depths (h, w) of blocks of pixels, 0 of those that are measured too little; and the slopes of their rays to
-    the camera's axis, across and down."""
+def _thinned(camera: Camera, depth: NDArray[np.float32]) -> tuple[Camera, Array]:
+    """The camera whose pixels are blocks of these, and their mean depths (h, w), 0 of those that are measured too
+    little."""
     block = max(min(camera.width // WIDTH, camera.height), 1)
     h, w = camera.height // block, camera.width // block
     total, count = np.zeros((h, w)), np.zeros((h, w))
@@ -89,9 +77,7 @@ def _thinned(camera: Camera, depth: NDArray[np.float32]) -> tuple[Array, tuple[A
         total += pixels
         count += pixels > 0
     mean = np.divide(total, count, out=np.zeros((h, w)), where=count > MEASURED * block**2)
-    middle = (block - 1) / 2
-    down, across = np.indices((h, w)) * block + middle
-    return mean, ((across - camera.cx) / camera.fx, (down - camera.cy) / camera.fy)
+    return camera.binned(0, 0, block, w, h), mean
 
 
 def _cells(error: Array, inner: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:

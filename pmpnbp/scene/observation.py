@@ -31,6 +31,12 @@ class Scan:
     stamp: float | None = None
 
 
+def points_in_world(camera: Camera, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(..., 3) metres, world, of a camera's depths; float32, because whole images pass through here."""
+    matrix = poses.to_matrix(camera.pose_world_camera).astype(np.float32)
+    return camera.back_project(depth) @ matrix[:3, :3].T + matrix[:3, 3]
+
+
 @dataclass(frozen=True, eq=False)
 class View:
     """A scan cropped to the region of interest and binned to working size, see `work_image`. Equal to itself only, so
@@ -58,15 +64,20 @@ class View:
         return poses.multiply(np.asarray(self.camera.pose_world_camera, dtype=np.float64), back)
 
     @cached_property
+    def points(self) -> NDArray[np.float32]:
+        """(h, w, 3) metres, world: what each pixel sees."""
+        return points_in_world(self.camera, self.depth)
+
+    @cached_property
     def patches(self) -> NDArray[np.int16]:
         """(h, w): the smooth surface that each pixel lies on, 1, 2, ..., or 0: see `scene/patches.py`."""
         return smooth_patches(self.depth)
 
     def with_category(self, category: NDArray[np.uint8]) -> View:
-        """The view with other categories (h, w), which are its own from now on; its patches are of the depth alone."""
+        """The view with other categories (h, w), which are its own from now on; what is of the depth alone stays."""
         category.setflags(write=False)
         view = replace(self, category=category)
-        view.__dict__["patches"] = self.patches
+        view.__dict__.update(patches=self.patches, points=self.points)
         return view
 
     @cached_property

@@ -15,11 +15,20 @@ from numpy.typing import NDArray
 
 from pmpnbp.errors import ScanError
 from pmpnbp.geometry import poses
-from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import IDENTITY, Array
 from pmpnbp.scene.depth_distortion import depth_distortion
 from pmpnbp.scene.normals import surface_normals
-from pmpnbp.scene.observation import CONTINUED, NO_DEPTH, OBJECT, OUTSIDE, SUPPORT, Observation, Scan, View
+from pmpnbp.scene.observation import (
+    CONTINUED,
+    NO_DEPTH,
+    OBJECT,
+    OUTSIDE,
+    SUPPORT,
+    Observation,
+    Scan,
+    View,
+    points_in_world,
+)
 from pmpnbp.scene.patches import patch_lengths
 from pmpnbp.scene.support_planes import ScenePoints, find_support_planes, flat_surfaces
 from pmpnbp.scene.work_image import WorkImage, work_image
@@ -116,17 +125,11 @@ def _checked_roi(roi: Array) -> Array:
 
 
 def _nothing_in(scans: Sequence[Scan], roi: Array | None) -> str:
-    corners = [_points(scan.camera, scan.depth)[scan.depth > 0] for scan in scans]
+    corners = [points_in_world(scan.camera, scan.depth)[scan.depth > 0] for scan in scans]
     low = np.min([points.min(axis=0) for points in corners], axis=0).round(3)
     high = np.max([points.max(axis=0) for points in corners], axis=0).round(3)
     box = None if roi is None else roi.tolist()
     return f"no measured point lies in the region {box}; the scan spans {[*low.tolist(), *high.tolist()]} in world"
-
-
-def _points(camera: Camera, depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(..., 3) metres, world, of a camera's depths; float32, because whole images pass through here."""
-    matrix = poses.to_matrix(camera.pose_world_camera).astype(np.float32)
-    return camera.back_project(depth) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 def _within(points: NDArray[np.floating], box: Array) -> NDArray[np.bool_]:
@@ -140,7 +143,7 @@ def _within(points: NDArray[np.floating], box: Array) -> NDArray[np.bool_]:
 def _in_region(scan: Scan, roi: Array | None) -> NDArray[np.bool_]:
     """(height, width): where something is measured in the region."""
     measured: NDArray[np.bool_] = scan.depth > 0
-    return measured if roi is None else measured & _within(_points(scan.camera, scan.depth), roi)
+    return measured if roi is None else measured & _within(points_in_world(scan.camera, scan.depth), roi)
 
 
 def _tolerance(depth: NDArray[np.floating], base: float, growth: float) -> NDArray[np.floating]:
@@ -175,7 +178,7 @@ def scene_points(
             cy=(scan.camera.cy - middle) / factor,
         )
         valid = depth > 0
-        world = _points(camera, depth)
+        world = points_in_world(camera, depth)
         rotation = poses.to_matrix(camera.pose_world_camera)[:3, :3]
         at_border = np.zeros((h, w), dtype=bool)
         edge = max(min(h, w) // 30, 1)
@@ -224,7 +227,7 @@ def _view(
 ) -> View:
     """The view of a work image. upright : (K,) which of the `planes` (K, 4) are walls"""
     depth, camera = image.depth, image.camera
-    points = _points(camera, depth)
+    points = points_in_world(camera, depth)
     category, others = (pixel_categories(depth, points, roi, some, base, growth) for some in (planes, planes[~upright]))
     normals = surface_normals(depth, camera)
     for array in (depth, category, normals):
@@ -242,7 +245,7 @@ def _without_flush_patches(view: View, others: NDArray[np.uint8], walls: Array) 
     on_wall = (view.category == SUPPORT) & (others != SUPPORT)
     if not on_wall.any():
         return view
-    points, category = _points(view.camera, view.depth), view.category.copy()
+    points, category = view.points, view.category.copy()
     facing = poses.rotate(poses.quaternion_conjugate(view.camera.pose_world_camera[3:]), walls[:, :3])
     for number in np.unique(view.patches[on_wall & (view.patches > 0)]):
         patch = view.patches == number
@@ -258,17 +261,14 @@ def _oriented_points(view: View) -> tuple[Array, Array]:
     """Those of the view's points that may be the object and have a normal, and these, (P, 3) each, world."""
     chosen = (view.category == OBJECT) & (view.normals != 0).any(axis=-1)
     rotation = poses.to_matrix(view.camera.pose_world_camera)[:3, :3]
-    points = _points(view.camera, view.depth)[chosen].astype(np.float64)
+    points = view.points[chosen].astype(np.float64)
     return points, view.normals[chosen].astype(np.float64) @ rotation.T
 
 
 def without_longer_surfaces(observation: Observation, length: float) -> Observation:
     """The observation of an object that is at most `length` metres long: what lies on a longer smooth surface is
     CONTINUED where it was OBJECT, and none of `points`. As it is where nothing is left."""
-    longer = [
-        (patch_lengths(view.patches, _points(view.camera, view.depth)) > length)[view.patches]
-        for view in observation.views
-    ]
+    longer = [(patch_lengths(view.patches, view.points) > length)[view.patches] for view in observation.views]
     left = _but(observation, longer, CONTINUED)
     return left if len(left.points) else observation
 

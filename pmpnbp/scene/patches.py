@@ -80,15 +80,20 @@ def _is_plane(own: NDArray[np.bool_], off: Array) -> bool:
 
 def _off_plane(own: NDArray[np.bool_], inverse: Array, limit: Array) -> Array:
     """How far `inverse` depths (h, w) are off the plane of a patch's `own` (h, w) pixels, in limits."""
+    off: Array = np.abs(inverse - plane_through(own, inverse)) / limit
+    return off
+
+
+def plane_through(own: NDArray[np.bool_], inverse: Array) -> Array:
+    """Inverse depths (h, w) of the plane through those of `own` (h, w) pixels, by least squares."""
     rows, columns = np.nonzero(own)
     middle, values = (rows.mean(), columns.mean()), inverse[own]
     about = np.stack([rows - middle[0], columns - middle[1]])
     # normal equations about the middle; einsum adds in one order whatever the number of threads
     squares, products = np.einsum("ip,jp->ij", about, about), np.einsum("ip,p->i", about, values - values.mean())
     down, across = np.linalg.lstsq(squares, products, rcond=None)[0]
-    plane = values.mean() + down * (np.arange(own.shape[0]) - middle[0])[:, None]
-    off: Array = np.abs(inverse - plane - across * (np.arange(own.shape[1]) - middle[1])) / limit
-    return off
+    plane: Array = values.mean() + down * (np.arange(own.shape[0]) - middle[0])[:, None]
+    return plane + across * (np.arange(own.shape[1]) - middle[1])
 
 
 def _grown(patches: NDArray[np.int16], inverse: Array, limit: Array) -> NDArray[np.int16]:

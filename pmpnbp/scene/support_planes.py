@@ -45,6 +45,7 @@ LEVEL, PRESUMED_LEVEL = 0.966, 0.5
 SKIRT = 3.0
 
 
+# A plane (4,), and which points (P,) of the scene are on it.
 FlatSurface = tuple[Array, NDArray[np.bool_]]
 
 

@@ -22,8 +22,9 @@ State = Literal["paused", "waiting", "running", "failed", "recorded"]
 Certain = Annotated[
     bool,
     Field(
-        description="whether the fit is good, every std_xyz and expected_add at most max_std, and no other mode of over"
-        " 1 % elsewhere; false where there is no posterior"
+        description="whether the fit is good, every std_xyz and expected_add at most max_std, no other mode of over 1 %"
+        " elsewhere, and what is longer than 10 cm is not turned, by more than 2° for each 2.5 mm of max_std; false"
+        " where there is no posterior"
     ),
 ]
 Fit = Literal["good", "doubtful", "none"]

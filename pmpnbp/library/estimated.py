@@ -31,7 +31,8 @@ class LinkEstimate:
     covariance : (6, 6) over x, y, z and rotations about fixed X, Y, Z, as ROS has it; std_xyz : (3,); expected_add :
         mean distance over the link's surface (eq. 12) that the posterior expects; each None as long as there is no
         posterior, expected_add also for a link without surface
-    certain : whether the fit is good, no other mode has it elsewhere, and no deviation is larger than `max_std`
+    certain : whether the fit is good, no other mode has it elsewhere, no deviation is larger than `max_std`, and what
+        is longer than 10 cm is not turned, by more than 2° for each 2.5 mm of that
     visible_fraction : 0 to 1, log_likelihood : natural logarithm; None for a link without surface
     modes : the posterior's hypotheses, heaviest first
     particle_std_xyz : (3,), particle_modes : the spread and hypotheses of the algorithm's particles; no uncertainty

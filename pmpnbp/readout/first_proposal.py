@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature
+from pmpnbp.readout.held_part import Held
 from pmpnbp.readout.importance_sampling import Grid, LogDensity
 from pmpnbp.readout.log_posterior import confidence, log_posterior
 from pmpnbp.readout.particle_statistics import short_way_round
@@ -41,23 +42,29 @@ NEAR, WIDER_EACH, WIDER, NARROW = (0.25, 0.5, 1.0, 2.0), 0.16, 3.0, 0.1
 
 @dataclass(frozen=True)
 class Elsewhere:
-    """Where one joint of a configuration could as well be. grids : of those that could be anywhere; joints : (K, D) of
-    each that is not hopeless elsewhere, in the best place far from where it is"""
+    """Where one joint of a configuration could as well be. grids : of those that could be anywhere; roots : (K, 7) and
+    joints : (K, D), with each that is not hopeless elsewhere in the best place far from where it is"""
 
     grids: tuple[Grid, ...]
+    roots: Array
     joints: Array
 
 
 def curvature_information(
-    problem: Problem, root: Array, joints: Array, tolerance: float, free: NDArray[np.int64], loose: float
+    problem: Problem, place: Held, tolerance: float, free: NDArray[np.int64], loose: float
 ) -> Array:
     """(6 + D + F, 6 + D + F), the inverse of the Gaussian's covariance that has the curvature of the score and roughly
-    the priors; where neither tells anything it is `loose`, metres and radians."""
-    information = 2 * confidence(problem) * curvature(problem, root, joints, tolerance, free)
-    information += np.diag(np.concatenate([np.full(6 + len(joints), loose), problem.nuisance_std[free]]) ** -2.0)
+    the priors, in a place's coordinates and the nuisances numbered `free` (F,); where neither tells anything it is
+    `loose`, metres and radians."""
+    information = 2 * confidence(problem) * curvature(problem, place.root, place.joints, tolerance, free)
     if isinstance(problem.prior, GaussianPrior):
         known = np.concatenate([problem.prior.std_xyz, problem.prior.std_rpy])
         information[range(6), range(6)] += 1 / known**2
+    if place.part:
+        own = np.eye(len(information))
+        own[: len(place.by_root), : len(place.by_root)] = place.by_root
+        information = own.T @ information @ own
+    information += np.diag(np.concatenate([np.full(len(place.by_root), loose), problem.nuisance_std[free]]) ** -2.0)
     return information
 
 
@@ -85,17 +92,15 @@ def _variances(density: LogDensity, here: float, axes: Array, distances: Array) 
     return np.divide(spread, mass, out=np.zeros(len(axes)), where=mass > 0)
 
 
-def joints_elsewhere(problem: Problem, root: Array, joints: Array, here: float, stds: Array) -> Elsewhere:
-    """Where joints could as well be, all others as they are.
+def joints_elsewhere(problem: Problem, place: Held, here: float, stds: Array) -> Elsewhere:
+    """Where joints of a place could as well be, all others and the part that it is held by as they are.
 
     A joint has a grid, of offsets to its position, where its weight lies elsewhere than within a few of `stds` (D,)
     from where it is, or a cell from there where that is not told. here : the log posterior where they are
     """
-    model = problem.mrf.model
+    model, joints = problem.mrf.model, place.joints
     spans = model.upper - model.lower
     moving = np.flatnonzero((spans > 0) & np.isfinite(spans))
-    if not len(moving):
-        return Elsewhere((), np.zeros((0, model.dof)))
     offsets = (np.arange(CELLS) + 0.5) / CELLS * spans[moving, None] + (model.lower - joints)[moving, None]
     cells = spans / CELLS
     # no Gaussian fits a joint of which the curvature tells nothing
@@ -104,20 +109,20 @@ def joints_elsewhere(problem: Problem, root: Array, joints: Array, here: float, 
     distant = away > np.where(told, FAR * np.maximum(stds, cells), cells)[moving, None]
     log = np.full(offsets.shape, -np.inf)
     first = np.arange(CELLS) % STRIDE == STRIDE // 2
-    log[:, first] = _along(problem, root, joints, moving, offsets[:, first])
+    log[:, first] = _along(problem, place, moving, offsets[:, first])
     groups = distant.reshape(len(moving), -1, STRIDE).any(axis=2)
     open_ = np.any(groups & (log[:, first] > here - HOPELESS), axis=1)
-    log[np.ix_(open_, ~first)] = _along(problem, root, joints, moving[open_], offsets[np.ix_(open_, ~first)])
+    log[np.ix_(open_, ~first)] = _along(problem, place, moving[open_], offsets[np.ix_(open_, ~first)])
     grids, others = [], []
-    for place in np.flatnonzero(open_):
-        coordinate = moving[place]
-        top = max(here, log[place].max())
-        beyond = cells[coordinate] * np.exp(log[place, distant[place]] - top).sum()
+    for row in np.flatnonzero(open_):
+        coordinate = moving[row]
+        top = max(here, log[row].max())
+        beyond = cells[coordinate] * np.exp(log[row, distant[row]] - top).sum()
         near = np.sqrt(2 * np.pi) * min(float(stds[coordinate]), spans[coordinate]) * np.exp(here - top)
-        best = int(np.where(distant[place], log[place], -np.inf).argmax())
-        if log[place, best] > here - HOPELESS:
-            others.append(joints + offsets[place, best] * (np.arange(model.dof) == coordinate))
-        weights = np.exp(HALF_SURE * (log[place] - log[place].max()))
+        best = int(np.where(distant[row], log[row], -np.inf).argmax())
+        if log[row, best] > here - HOPELESS:
+            others.append(offsets[row, best] * (np.arange(6 + model.dof) == 6 + coordinate))
+        weights = np.exp(HALF_SURE * (log[row] - log[row].max()))
         weights /= weights.sum()
         # two sharp peaks are two modes, and weighed as such
         peaked = PEAKED * (weights @ weights) > 1
@@ -126,12 +131,11 @@ def joints_elsewhere(problem: Problem, root: Array, joints: Array, here: float, 
         weights = (1 - UNIFORM) * weights + UNIFORM / CELLS
         begin = float(model.lower[coordinate] - joints[coordinate])
         grids.append(Grid(6 + int(coordinate), begin, begin + float(spans[coordinate]), weights))
-    return Elsewhere(tuple(grids), np.array(others).reshape(-1, model.dof))
+    return Elsewhere(tuple(grids), *place.placed(np.array(others).reshape(-1, 6 + model.dof)))
 
 
-def _along(problem: Problem, root: Array, joints: Array, coordinates: NDArray[np.int64], offsets: Array) -> Array:
+def _along(problem: Problem, place: Held, coordinates: NDArray[np.int64], offsets: Array) -> Array:
     """(J, K): the log posterior with one of the joint coordinates (J,) moved by each of its offsets (J, K)."""
-    tried = np.tile(joints, (*offsets.shape, 1))
-    tried[np.arange(len(coordinates)), :, coordinates] += offsets
-    rows = tried.reshape(-1, len(joints))
-    return log_posterior(problem, np.tile(root, (len(rows), 1)), rows).reshape(offsets.shape)
+    tried = np.zeros((*offsets.shape, 6 + len(place.joints)))
+    tried[np.arange(len(coordinates)), :, 6 + coordinates] = offsets
+    return log_posterior(problem, *place.placed(tried.reshape(-1, tried.shape[2]))).reshape(offsets.shape)

@@ -18,6 +18,7 @@ from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import renders
+from pmpnbp.readout.held_part import LITTLE, Held
 from pmpnbp.scene.depth_noise import told_noise
 
 # Standard deviations: an outline's pixel is off across it by EDGE pixels; a surface's depth by FACE of what a pixel
@@ -39,8 +40,6 @@ JUMP = 2.0
 ONE_SIDED = 0.3
 # Cosine of the slant, between a ray and a surface's normal, from which on a depth tells of a surface at all.
 GRAZING = 0.17
-# Metres or radians by which a coordinate is moved to see how far it moves parts.
-LITTLE = 1e-4
 # Metres: what an image leaves more open than this it does not tell at all, and the posterior's draws alone say where it
 # is.
 UNTOLD = 0.02
@@ -49,32 +48,30 @@ Pixels = tuple[NDArray[np.int64], NDArray[np.int64]]
 NEIGHBOURS = np.array([(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1) if row or column])
 
 
-def grain(problem: Problem, root: Array, joints: Array) -> Array:
-    """(6 + D, 6 + D) covariance of a configuration's coordinates, by which it is hidden: root (7,), the translation and
-    rotation vector about its centre, metres and radians, and joints (D,). Zero in what no image tells."""
+def grain(problem: Problem, place: Held) -> Array:
+    """(6 + D, 6 + D) covariance of a place's coordinates, by which it is hidden. Zero in what no image tells."""
     mrf = problem.mrf
-    here = mrf.part_poses(root, joints)
+    here = mrf.part_poses(place.root, place.joints)
     told, away = np.zeros((mrf.nodes, 6, 6)), np.zeros((3, 3))
     scale_stds, _, _ = nuisances.split(problem.nuisance_std, len(problem.observation.views))
     middles = poses.transform_points(here, mrf.centres)
     noise = noise_apart(problem)
     reach = float((np.linalg.norm(middles - middles.mean(axis=0), axis=1) + mrf.radii).max())
-    for place, (view, _, depth, number) in enumerate(
+    for camera, (view, _, depth, number) in enumerate(
         renders(problem.observation, problem.surfaces, here, problem.nuisances)
     ):
         if view.distance <= 0:
             continue
         near = (depth > 0) & (view.depth > 0) & (np.abs(view.depth - depth) < problem.tolerance_end)
-        in_view = told_of_parts(view.camera, depth, number, near, middles, problem.tolerance_end, float(noise[place]))
+        in_view = told_of_parts(view.camera, depth, number, near, middles, problem.tolerance_end, float(noise[camera]))
         told += distorted(in_view, view.camera, view.distortion, middles, mrf.radii)
         # what seems smaller by its outlines seems farther off
         gap = middles.mean(axis=0) - np.asarray(view.camera.pose_world_camera)[:3]
         footprint = view.distance / view.camera.fx
-        away += np.outer(gap, gap) * min(INWARD * footprint / reach, scale_stds[place]) ** 2
-    size = 6 + len(joints)
-    moves = LITTLE * np.concatenate([np.zeros((1, size)), np.eye(size)])
+        away += np.outer(gap, gap) * min(INWARD * footprint / reach, scale_stds[camera]) ** 2
+    size = 6 + len(place.joints)
     # a joint at its limit is moved beyond it: this is geometry alone
-    parts = mrf.part_poses(poses.perturb(root, moves[:, :3], moves[:, 3:6], mrf.centres[0]), joints + moves[:, 6:])
+    parts = mrf.part_poses(*place.placed(LITTLE * np.concatenate([np.zeros((1, size)), np.eye(size)])))
     (found,) = hidden_by_grain(mrf, parts[None], np.full((1, size), LITTLE), told[None], shape(problem))
     found[:3, :3] += away / max(len(problem.observation.views), 1) ** 2
     return found

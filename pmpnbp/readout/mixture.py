@@ -24,7 +24,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.confirmation import Confirmation, confirmation
@@ -179,14 +178,14 @@ def _log_weights(places: list[Place]) -> Array:
 
 
 def _centre(problem: Problem, place: Place) -> Centre:
-    """The middle of a place's draws in what is known to within the tolerance, the root's pose all together; in what is
-    not, the place itself."""
+    """The middle of a place's draws in what is known to within the tolerance, the pose of what holds it all together;
+    in what is not, the place itself."""
     model, draws = problem.mrf.model, place.draws
     known = draws.stds * coordinate_levers(problem) < problem.tolerance_end
     known[:6] = known[:6].all()
     mean = np.where(known, draws.middle, 0.0)
-    root = poses.perturb(place.root, mean[:3], mean[3:6], problem.mrf.centres[0])
     joints = within_limits(place.joints + mean[6:], model.lower, model.upper, model.wraps)
+    root = draws.about.roots(mean[None, :6], joints[None])[0]
     nuisances = problem.nuisances
     if draws.nuisances is not None and known[0]:
         nuisances = np.exp(draws.log_weights) @ draws.nuisances

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.problem import Problem
@@ -22,10 +21,10 @@ from pmpnbp.readout.chain_bends import bends, bent_otherwise
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.first_proposal import LOOSE, curvature_information, joints_elsewhere, measured_covariance
 from pmpnbp.readout.free_turn import free_turn, turned_anyhow
+from pmpnbp.readout.held_part import Held, held
 from pmpnbp.readout.image_grain import grain
 from pmpnbp.readout.importance_sampling import LogDensity, Proposal, adaptive_importance
 from pmpnbp.readout.log_posterior import log_posterior
-from pmpnbp.readout.particle_statistics import short_way_round
 from pmpnbp.scene.prior import UniformPrior
 
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate at most,
@@ -54,13 +53,14 @@ class ModeDraws:
     """Draws of one mode of the object.
 
     roots : (K, 7); joints : (K, D); log_weights : (K,), their exponentials sum to 1
-    middle, stds : (6 + D,) their mean, before they were stirred, and standard deviations, before they were bent: the
-        translation of the root's centre and its rotation vector from where it was drawn about, joints
+    about : the configuration that was drawn about, and its coordinates
+    middle, stds : (6 + D,) their mean, before they were stirred, and standard deviations, before they were bent, in
+        these coordinates
     nuisances : (K, ...), see `potentials/nuisances.py`; None where all are fixed
     nats : the log posterior at the configuration that was drawn about
     best_root, best_joints : (7,), (D,) of the draw of the highest density; gain : nats by which that is higher
-    elsewhere : (K, D) joint vectors of the configuration that was drawn about, each with one joint far from there, in
-        the best place for it alone
+    elsewhere : roots (K, 7) and joints (K, D), each with one joint far from where it was drawn about, in the best place
+        for it alone
     log_evidence : of the mode: logarithm of the posterior's integral over it, up to what is the same for all modes
     log_room : logarithm of the volume that its joint positions fill, before they were bent, likewise
     effective_sample_size : how many draws of equal weight would tell as much
@@ -69,6 +69,7 @@ class ModeDraws:
     roots: Array
     joints: Array
     log_weights: Array
+    about: Held
     middle: Array
     stds: Array
     nuisances: Array | None
@@ -76,7 +77,7 @@ class ModeDraws:
     best_root: Array
     best_joints: Array
     gain: float
-    elsewhere: Array
+    elsewhere: tuple[Array, Array]
     log_evidence: float
     log_room: float
     effective_sample_size: float
@@ -96,12 +97,13 @@ def mode_draws(
     """
     model = problem.mrf.model
     free = np.flatnonzero(problem.nuisance_std)
-    information = curvature_information(problem, root, joints, problem.tolerance_end, free, LOOSE)
-    density = _density(problem, root, joints, free, checkpoint)
+    about = held(problem, root, joints)
+    information = curvature_information(problem, about, problem.tolerance_end, free, LOOSE)
+    density = _density(problem, about, free, checkpoint)
     size = len(information)
     here = float(density(np.zeros((1, size)))[0])
     covariance = measured_covariance(density, here, np.asarray(np.linalg.inv(information), dtype=np.float64))
-    elsewhere = joints_elsewhere(problem, root, joints, here, np.diag(information)[6 : 6 + model.dof] ** -0.5)
+    elsewhere = joints_elsewhere(problem, about, here, np.diag(information)[6 : 6 + model.dof] ** -0.5)
     lower, upper = _limits(problem, joints, len(free))
     first = Proposal(np.zeros(size), covariance, lower, upper, elsewhere.grids)
     # nuisances go far together with the root, and proposals are long in following them
@@ -113,33 +115,27 @@ def mode_draws(
     )
     rows, weights = drawn.rows[:, : 6 + model.dof], np.exp(drawn.log_weights)
     best = int(drawn.log_density.argmax())
-    best_roots, best_joints = _placed(problem, root, joints, rows[[best]])
-    middle, hidden = weights @ rows, grain(problem, root, joints)
-    roots, q = _stirred(rng, problem, root, joints, rows, hidden)
+    best_roots, best_joints = about.placed(rows[[best]])
+    middle, hidden = weights @ rows, grain(problem, about)
+    roots, q = _stirred(rng, problem, about, rows, hidden)
     covariance = np.einsum("k,ki,kj->ij", weights, rows - middle, rows - middle) + hidden
     return ModeDraws(
         roots=roots,
-        joints=_bent(rng, problem, _placed(problem, root, joints, middle[None]), covariance, (roots, q)),
+        joints=_bent(rng, problem, about, middle, covariance, (roots, q)),
         log_weights=drawn.log_weights,
+        about=about,
         middle=middle,
-        stds=np.sqrt(weights @ (mode_offsets(problem, root, joints, roots, q) - middle) ** 2),
+        stds=np.sqrt(weights @ (about.offsets(roots, q) - middle) ** 2),
         nuisances=_nuisances(problem, free, drawn.rows[:, 6 + model.dof :]),
         nats=here,
         best_root=best_roots[0],
         best_joints=within_limits(best_joints[0], model.lower, model.upper, model.wraps),
         gain=float(drawn.log_density[best] - here),
-        elsewhere=elsewhere.joints,
+        elsewhere=(elsewhere.roots, elsewhere.joints),
         log_evidence=drawn.log_integral,
         log_room=_log_room(weights, q),
         effective_sample_size=drawn.effective_sample_size,
     )
-
-
-def mode_offsets(problem: Problem, root: Array, joints: Array, roots: Array, drawn_joints: Array) -> Array:
-    """(K, 6 + D) of draws (K, 7), (K, D) from a configuration (7,), (D,): the translation of the root's centre, its
-    rotation vector, joints."""
-    moves, turns = poses.perturbation(root, roots, problem.mrf.centres[0])
-    return np.concatenate([moves, turns, short_way_round(drawn_joints - joints, problem.mrf.model.wraps)], axis=1)
 
 
 def misfit(nats: float) -> float:
@@ -148,7 +144,7 @@ def misfit(nats: float) -> float:
 
 
 def _stirred(
-    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, rows: Array, hidden: Array
+    rng: np.random.Generator, problem: Problem, about: Held, rows: Array, hidden: Array
 ) -> tuple[Array, Array]:
     """Root poses (K, 7) and joint vectors (K, D) at offsets (K, 6 + D) and what a covariance (6 + D, 6 + D) hides, by
     any turn that nothing tells."""
@@ -156,8 +152,9 @@ def _stirred(
     values, axes = np.linalg.eigh(hidden)
     # the symmetric root: axes of equal variance are any
     stir = rng.standard_normal((len(rows), len(values))) @ (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
-    roots, q = _placed(problem, root, joints, rows + stir)
-    q = within_limits(q, model.lower, model.upper, model.wraps)
+    moved = rows + stir
+    q = within_limits(about.joints + moved[:, 6:], model.lower, model.upper, model.wraps)
+    roots = about.roots(moved[:, :6], q)
     if isinstance(problem.prior, UniformPrior) and (spin := free_turn(model)):
         roots, q = turned_anyhow(rng, model, spin, roots, q)
     return roots, within_limits(q, model.lower, model.upper, model.wraps)
@@ -166,17 +163,21 @@ def _stirred(
 def _bent(
     rng: np.random.Generator,
     problem: Problem,
-    middle: tuple[Array, Array],
+    about: Held,
+    middle: Array,
     covariance: Array,
     draws: tuple[Array, Array],
 ) -> Array:
-    """Joint vectors (K, D) of draws, bent otherwise where their middle, (1, 7) and (1, D), may be: nats count there as
-    between places."""
+    """Joint vectors (K, D) of draws, bent otherwise where their middle (6 + D,) may be: nats count there as between
+    places."""
     mrf, model = problem.mrf, problem.mrf.model
-    root, joints = middle[0], within_limits(middle[1], model.lower, model.upper, model.wraps)
+    root, joints = about.placed(middle[None])
+    joints = within_limits(joints, model.lower, model.upper, model.wraps)
     motions = bends(mrf, root[0], joints[0])
     if not motions:
         return draws[1]
+    if about.part:
+        covariance = about.by_root @ covariance @ about.by_root.T
     share = 1 / misfit(float(log_posterior(problem, root, joints)[0]))
     at = (root[0], joints[0])
     return bent_otherwise(rng, mrf, motions, at, covariance, draws, lambda *some: share * log_posterior(problem, *some))
@@ -194,31 +195,24 @@ def nuisance_stds(problem: Problem, root: Array, joints: Array) -> Array:
     Gaussian that has the curvature of the score. Outlines are left out, which tell more."""
     free = np.flatnonzero(problem.nuisance_std)
     stds = np.zeros_like(problem.nuisance_std)
-    covariance = np.linalg.inv(curvature_information(problem, root, joints, problem.tolerance_end, free, UNTOLD))
+    place = Held(problem.mrf, 0, root, joints)
+    covariance = np.linalg.inv(curvature_information(problem, place, problem.tolerance_end, free, UNTOLD))
     stds[free] = np.sqrt(np.diag(covariance)[6 + len(joints) :])
     return stds
 
 
-def _placed(problem: Problem, root: Array, joints: Array, offsets: Array) -> tuple[Array, Array]:
-    """Root poses (C, 7) and joint vectors (C, D), which may be beyond their limits, at offsets (C, 6 + D + F)."""
-    roots = poses.perturb(root, offsets[:, :3], offsets[:, 3:6], problem.mrf.centres[0])
-    return roots, joints + offsets[:, 6 : 6 + len(joints)]
-
-
-def _density(
-    problem: Problem, root: Array, joints: Array, free: NDArray[np.int64], checkpoint: Checkpoint
-) -> LogDensity:
-    """The log posterior of offsets (C, 6 + D + F) to a configuration (7,), (D,) and to the `free` nuisances (F,);
-    `checkpoint` is called before each lot of them."""
+def _density(problem: Problem, about: Held, free: NDArray[np.int64], checkpoint: Checkpoint) -> LogDensity:
+    """The log posterior of offsets (C, 6 + D + F) to a configuration and to the `free` nuisances (F,); `checkpoint` is
+    called before each lot of them."""
     model = problem.mrf.model
-    lower, upper = _limits(problem, joints, len(free))
+    lower, upper = _limits(problem, about.joints, len(free))
 
     def log_density(offsets: Array) -> Array:
         checkpoint()
         found = np.full(len(offsets), -np.inf)
         inside = np.all((offsets >= lower) & (offsets <= upper), axis=1)
         if inside.any():
-            roots, q = _placed(problem, root, joints, offsets[inside])
+            roots, q = about.placed(offsets[inside, : 6 + model.dof])
             turned = within_limits(q, model.lower, model.upper, model.wraps)
             nuisances = _nuisances(problem, free, offsets[inside, 6 + model.dof :])
             found[inside] = log_posterior(problem, roots, turned, nuisances)

@@ -67,8 +67,9 @@ def contenders(
     another thing of the same kind: those are told first, then those that come near the estimate's mode, of all that are
     not within `reach` (N,) of it."""
     others, possible = triple_moves(problem.mrf, problem.mrf.part_poses(own.root, own.joints)[None], own.joints[None])
-    joints = np.concatenate([others[possible], own.draws.elsewhere, _turned_by_half(problem, own.joints)])
-    roots = np.tile(own.root, (len(joints), 1))
+    joints = np.concatenate([others[possible], _turned_by_half(problem, own.joints)])
+    roots = np.concatenate([np.tile(own.root, (len(joints), 1)), own.draws.elsewhere[0]])
+    joints = np.concatenate([joints, own.draws.elsewhere[1]])
     if report.rivals is not None:
         roots = np.concatenate([report.rivals[:, :7], roots])
         joints = np.concatenate([report.rivals[:, 7:], joints])

@@ -14,7 +14,7 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.denied_parts import moving
 from pmpnbp.readout.fit import Fit
 from pmpnbp.readout.particle_statistics import covariance
-from pmpnbp.readout.surface_distance import distances, part_surfaces, turn_agreement
+from pmpnbp.readout.surface_distance import distances, part_surfaces, turn_agreement, turns
 from pmpnbp.scene.articulated_object import ArticulatedObject, parts_of_links
 from pmpnbp.scene.sizes import resized
 
@@ -24,6 +24,10 @@ FEWEST_DRAWS = 20.0
 DRAWS = 64
 # A link is elsewhere in a mode of more than this weight: nobody is certain of it.
 DOUBT = 0.01
+# Nobody is certain of a link longer than this, metres, of which more than this share of the posterior has it turned by
+# more than this, radians for each metre of `max_std`: 2° at the paper's 2.5 mm. What is slender may turn about itself
+# by more and hardly move its surface.
+LONG, TURNED, TURN = 0.10, 0.2, np.radians(2.0) / 0.0025
 # The central share of a joint's interval.
 CENTRAL = 0.9
 
@@ -121,7 +125,8 @@ class Spread:
     the central 90 %; moved : (M, L) metres (eq. 12, or of the origin where there is no surface) from the estimate to
     each mode's best configuration; round_turns : (N,) of a part that is round about an axis, how far its turns about
     it agree, 0 (any) to 1 (all the same): the length of their mean on the unit circle; NaN of others; denied : (L,)
-    whether a link is of a part, or hangs on one, that is not to be believed where it was found
+    whether a link is of a part, or hangs on one, that is not to be believed where it was found; turns : (DRAWS, L)
+    radians that even draws have it turned by, see `surface_distance.turns`; 0 for a link of a part that is not LONG
     """
 
     covariances: Array
@@ -131,16 +136,18 @@ class Spread:
     moved: Array
     round_turns: Array
     denied: NDArray[np.bool_]
+    turns: Array
 
     def certain(self, posterior: Posterior, max_std: float) -> NDArray[np.bool_]:
-        """(L,): whether the fit is good, the link's part not denied, no mode of more than 1 % has it elsewhere, and no
-        element of its `std_xyz`, nor its `expected_add`, is above `max_std`, metres."""
+        """(L,): whether the fit is good, the link's part not denied, no mode of more than 1 % has it elsewhere, no
+        element of its `std_xyz`, nor its `expected_add`, is above `max_std`, metres, and it is not turned: see LONG."""
         std = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2)[:, :3]).max(axis=1)
         rivals = np.array([mode.weight > DOUBT for mode in posterior.modes])
         # the mode that is told is not elsewhere; how far it is from where it is told to be counts as spread
         rivals[np.argmin(self.moved.max(axis=1))] = False
         elsewhere = np.any(rivals[:, None] & (self.moved > max_std), axis=0)
-        narrow = (std <= max_std) & ~(self.expected_add > max_std)
+        turned = np.mean(self.turns > TURN * max_std, axis=0) > TURNED
+        narrow = (std <= max_std) & ~(self.expected_add > max_std) & ~turned
         found: NDArray[np.bool_] = posterior.told & narrow & ~elsewhere & ~self.denied
         return found
 
@@ -169,6 +176,7 @@ def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -
         joint_intervals=joints + intervals,
         moved=np.fmax(apart[DRAWS:], origins),
         round_turns=turn_agreement(surfaces, at, placed),
+        turns=(turns(surfaces, at, placed) * [part.extents.max() > LONG for part in model.parts])[:, node],
         denied=np.isin(node, [below for one in posterior.denied(model) for below in moving(problem.mrf, one)]),
     )
 

@@ -81,6 +81,17 @@ def distances(surfaces: tuple[PartSurface, ...], here: Array, there: Array) -> A
     return found
 
 
+def turns(surfaces: tuple[PartSurface, ...], here: Array, there: Array) -> Array:
+    """(..., N) radians, 0 to pi, that each part at `here` (N, 7) is turned by at `there` (..., N, 7); of a round part
+    by how much its axis is."""
+    found = poses.rotation_angle(here[:, 3:], there[..., 3:])
+    for node, surface in enumerate(surfaces):
+        if surface.axis.any():
+            before, after = (poses.rotate(at[..., node, 3:], surface.axis) for at in (here, there))
+            found[..., node] = np.arccos(np.clip(after @ before, -1, 1))
+    return found
+
+
 def turn_agreement(surfaces: tuple[PartSurface, ...], here: Array, there: Array) -> Array:
     """(N,): how far the turns of round parts about their axes from `here` (N, 7) to `there` (K, N, 7) agree: the length
     of their mean on the unit circle, 0 to 1; NaN for a part that is not round."""

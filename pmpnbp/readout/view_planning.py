@@ -23,8 +23,8 @@ from pmpnbp.inference.log_weights import normalise
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import moved
 from pmpnbp.readout.expected_scan import PROBE, Probed, blocking_points, expected_scan, hidden, information, told_apart
+from pmpnbp.readout.held_part import Held
 from pmpnbp.readout.mixture import coordinate_levers
-from pmpnbp.readout.object_posterior import mode_offsets
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.scene.articulated_object import parts_of_links
 from pmpnbp.settings import SessionOptions
@@ -183,7 +183,7 @@ def _neighbourhoods(
     for number, mode in enumerate(posterior.modes):
         own = posterior.mode == number
         roots, weights = posterior.drawn_roots[own], np.exp(normalise(posterior.log_weights[own]))
-        offsets = mode_offsets(problem, mode.root, mode.joints, roots, posterior.drawn_joints[own])
+        offsets = Held(problem.mrf, 0, mode.root, mode.joints).offsets(roots, posterior.drawn_joints[own])
         covariance = np.cov(offsets.T, aweights=weights, bias=True) + np.diag((LEAST / coordinate_levers(problem)) ** 2)
         wide = np.sqrt(np.diagonal(covariance)) * coordinate_levers(problem) >= problem.tolerance_end
         wide[:6] = wide[:6].any()

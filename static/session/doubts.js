@@ -1,10 +1,13 @@
 // Why is a link not certain, as far as a posterior tells? One sentence.
 
-import { fineCentimetres, largest } from "./format.js";
+import { degrees, fineCentimetres, largest } from "./format.js";
 import { hasPosterior } from "./state.js";
 
 // A rival that weighs more may be where a link is not certain: what the server goes by.
 const DOUBT = 0.01;
+// And fewer draws, and by how much a link may not be turned, radians for each metre of the limit, likewise.
+const FEWEST_DRAWS = 20;
+const TURN = Math.PI / 90 / 0.0025;
 
 export function doubts(link, estimate) {
   if (link.certain) return "";
@@ -14,5 +17,7 @@ export function doubts(link, estimate) {
   if (largest(link.std_xyz) > limit) return `its std is above ${fineCentimetres(limit)}`;
   if (link.expected_add > limit) return `expected to be off by ${fineCentimetres(link.expected_add)} (ADD)`;
   if (link.modes.filter((mode) => mode.weight > DOUBT).length > 1) return "it may be elsewhere, see its hypotheses";
-  return `the posterior rests on ${Math.round(estimate.effective_draws)} effective draws only`;
+  if (estimate.effective_draws < FEWEST_DRAWS)
+    return `the posterior rests on ${Math.round(estimate.effective_draws)} effective draws only`;
+  return `it may be turned by more than ${degrees(TURN * limit)}`;
 }

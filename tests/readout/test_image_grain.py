@@ -16,6 +16,7 @@ from pmpnbp.inference import problem as problems
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.unary import render
 from pmpnbp.readout import image_grain
+from pmpnbp.readout.held_part import Held
 from pmpnbp.readout.image_grain import (
     DISTORTED,
     EDGE,
@@ -247,14 +248,19 @@ def looked_at(eye: tuple[float, float, float], **settings: float) -> tuple[Probl
     return problems.build(model, observation, UniformPrior("upright"), chosen, particles=20), root, joints
 
 
+def grained(made: Problem, root: Array, joints: Array) -> Array:
+    """Held by its root."""
+    return grain(made, Held(made.mrf, 0, root, joints))
+
+
 def test_what_no_outline_tells_has_no_grain() -> None:
     """From low behind the closed back the drawer is not seen, and all the rest hides less than a millimetre."""
     made, root, joints = looked_at((2.9, -0.4, 0.3))
-    found = grain(made, root, joints)
+    found = grained(made, root, joints)
     assert found[6, 6] == pytest.approx(0.0, abs=UNTOLD**2 / 1e6)
     assert 1e-4 < np.sqrt(found[0, 0]) < 1e-3
     from_front, root, joints = looked_at((0.0, 0.0, 0.7))
-    assert 1e-4 < np.sqrt(grain(from_front, root, joints)[6, 6]) < 2e-3
+    assert 1e-4 < np.sqrt(grained(from_front, root, joints)[6, 6]) < 2e-3
 
 
 def test_two_views_have_their_own_grain_each(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -268,17 +274,17 @@ def test_two_views_have_their_own_grain_each(monkeypatch: pytest.MonkeyPatch) ->
         noise=np.tile(made.noise, 2),
         noise_area=np.tile(made.noise_area, 2),
     )
-    one, both = (np.diag(grain(each, root, joints)) for each in (made, twice))
+    one, both = (np.diag(grained(each, root, joints)) for each in (made, twice))
     assert np.all(both < one) and np.all(both > one / 2)
     monkeypatch.setattr(image_grain, "WHOLE", 0.0)
-    np.testing.assert_allclose(grain(twice, root, joints), grain(made, root, joints) / 2, rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose(grained(twice, root, joints), grained(made, root, joints) / 2, rtol=1e-6, atol=1e-15)
 
 
 def test_pixels_that_err_together_tell_as_much_as_fewer_do() -> None:
     """As pixels that each err on their own do with so much more noise, SHARED times of which count already."""
     made, root, joints = looked_at((0.0, 0.0, 0.7))
     known, noisier, apart = (
-        grain(replace(made, noise=np.array([noise]), noise_area=np.array([area])), root, joints)
+        grained(replace(made, noise=np.array([noise]), noise_area=np.array([area])), root, joints)
         for noise, area in ((0.001, 9.0), (0.001 * 3.0 / SHARED, 1.0), (0.001, 1.0))
     )
     np.testing.assert_allclose(known, noisier, rtol=1e-9)
@@ -304,7 +310,7 @@ def test_smooth_errors_of_depth_let_the_object_be_nearer_or_farther() -> None:
     made, root, joints = looked_at((0.0, 0.0, 0.7))
     (view,) = made.observation.views
     wavy = replace(made, observation=replace(made.observation, views=(replace(view, distortion=0.003),)))
-    still, moved = grain(made, root, joints), grain(wavy, root, joints)
+    still, moved = grained(made, root, joints), grained(wavy, root, joints)
     sight = poses.transform_points(made.mrf.part_poses(root, joints), made.mrf.centres)[0] - [0.0, 0.0, 0.7]
     off, along = DISTORTED * 0.003 * np.linalg.norm(sight), sight / np.linalg.norm(sight)
     # by where outlines are they tell of its distance, too
@@ -318,7 +324,7 @@ def test_a_free_depth_scale_lets_the_object_be_nearer_or_farther() -> None:
     """By as much as outlines may be too far in or out, along the line of sight and in no other direction."""
     fixed, root, joints = looked_at((0.0, 0.0, 0.7))
     free, _, _ = looked_at((0.0, 0.0, 0.7), depth_scale_std=0.01)
-    more = grain(free, root, joints) - grain(fixed, root, joints)
+    more = grained(free, root, joints) - grained(fixed, root, joints)
     middles = poses.transform_points(fixed.mrf.part_poses(root, joints), fixed.mrf.centres)
     sight = middles.mean(axis=0) - [0.0, 0.0, 0.7]
     variances, axes = np.linalg.eigh(more[:3, :3])
@@ -327,7 +333,7 @@ def test_a_free_depth_scale_lets_the_object_be_nearer_or_farther() -> None:
     assert 1e-3 < np.sqrt(variances[2]) < 5e-3
     # a scale that is all but known is no farther off than it may be
     known, _, _ = looked_at((0.0, 0.0, 0.7), depth_scale_std=1e-5)
-    least = grain(known, root, joints)[:3, :3] - grain(fixed, root, joints)[:3, :3]
+    least = grained(known, root, joints)[:3, :3] - grained(fixed, root, joints)[:3, :3]
     np.testing.assert_allclose(np.sqrt(np.trace(least)), 1e-5 * np.linalg.norm(sight), rtol=1e-3)
 
 
@@ -336,4 +342,4 @@ def test_parts_whose_sizes_are_free_are_known_less_well() -> None:
     free, _, _ = looked_at((0.0, 0.0, 0.7), size_std=0.02)
     np.testing.assert_allclose(shape(free), SHAPE * 0.02 * free.mrf.radii)
     assert not shape(fixed).any()
-    assert np.all(np.diag(grain(free, root, joints)) > 2 * np.diag(grain(fixed, root, joints)))
+    assert np.all(np.diag(grained(free, root, joints)) > 2 * np.diag(grained(fixed, root, joints)))

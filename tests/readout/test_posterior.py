@@ -23,7 +23,8 @@ from pmpnbp.readout.mixture import at_rest, of_estimate, read_out
 from pmpnbp.readout.object_posterior import mode_draws
 from pmpnbp.readout.particle_statistics import covariance
 from pmpnbp.readout.places import POLISH_ROUNDS
-from pmpnbp.readout.posterior import FEWEST_DRAWS, Posterior, spread
+from pmpnbp.readout.posterior import FEWEST_DRAWS, LONG, TURN, Posterior, spread
+from pmpnbp.readout.posterior import TURNED as OFTEN
 from pmpnbp.recording.posteriors import posterior_arrays
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 from pmpnbp.scene.prior import UniformPrior
@@ -291,6 +292,32 @@ def test_an_estimate_that_has_moved_a_little_since_is_not_elsewhere_than_its_own
     limit = max(float(np.sqrt(np.diagonal(told.covariances, axis1=1, axis2=2)[:, :3]).max()), told.expected_add.max())
     assert told.certain(found, limit).all()
     assert not told.certain(found, limit / 3).any()
+
+
+@pytest.mark.parametrize(("length", "often", "certain"), [(0.3, 2.0, False), (0.3, 0.5, True), (0.08, 2.0, True)])
+def test_nobody_is_certain_of_a_slender_link_that_may_be_turned_about_itself(
+    length: float, often: float, certain: bool, problem: Problem
+) -> None:
+    """Its surface hardly moves; of a short one no turn is asked for."""
+    bar = block([length, 0.02, 0.02])
+    model = articulated([], {"link0": bar})
+    alone = problems.build(model, worlds.seen(model, ROOT, np.zeros(0)), UniformPrior("upright"), worlds.settings())
+    found, count = of_estimate(problem, report(problem)), 400
+    angle = np.where(np.arange(count) % 100 < 100 * OFTEN * often, 1.1, 0.3) * TURN * 0.0025
+    roots = poses.multiply(ROOT, poses.from_xyz_rpy(np.zeros((count, 3)), np.outer(angle, [1.0, 0.0, 0.0])))
+    found = replace(
+        found,
+        drawn_roots=roots,
+        drawn_joints=np.zeros((count, 0)),
+        log_weights=np.full(count, -np.log(count)),
+        mode=np.zeros(count, dtype=np.int64),
+        modes=(replace(found.modes[0], weight=1.0, root=ROOT, joints=np.zeros(0)),),
+    )
+    told = spread(alone, found, ROOT, np.zeros(0))
+    assert told.expected_add[0] < 0.001 and (length > LONG) == bool(told.turns.any())
+    assert told.certain(found, 0.0025)[0] == certain
+    # who asks for less is not asked for more
+    assert told.certain(found, 0.0125)[0]
 
 
 def test_a_long_chain_is_told_where_its_draws_have_it() -> None:

@@ -9,7 +9,7 @@ import trimesh
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.readout.metrics import add, model_points
-from pmpnbp.readout.surface_distance import distances, part_surfaces
+from pmpnbp.readout.surface_distance import distances, part_surfaces, turns
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint, Mesh
 from pmpnbp.scene.parts import LinkSurface
 from tests.inference.small_worlds import Z, articulated, at, block
@@ -70,3 +70,13 @@ def test_a_square_box_is_not_round(size: list[float]) -> None:
     surfaces = part_surfaces(of_shapes(block(size)))
     found = distances(surfaces, poses.IDENTITY[None], at(yaw=np.pi / 2)[None, None])
     assert found.item() > 0.1
+
+
+def test_a_turn_is_the_rotation_s_angle_and_of_what_is_round_its_axis_s(rng: np.random.Generator) -> None:
+    surfaces = part_surfaces(of_shapes(block([0.3, 0.2, 0.1]), round_bar(0.05, 0.4)))
+    here = np.tile(at(0.4, -0.2, 1.0, roll=0.4, yaw=2.0), (2, 1))
+    spun, tilted = poses.multiply(here, at(yaw=1.3)), poses.multiply(here, at(roll=0.1))
+    both = poses.multiply(tilted, at(0.5, yaw=1.3))
+    found = turns(surfaces, here, np.stack([here, spun, tilted, both]))
+    angle = float(poses.rotation_angle(here[0, 3:], both[0, 3:]))
+    np.testing.assert_allclose(found, [[0, 0], [1.3, 0], [0.1, 0.1], [angle, 0.1]], atol=1e-7)

@@ -1,5 +1,5 @@
 """Which scenes are hard? Table-tops, rows of look-alikes, two arms, distance and its noise, things in front, pictures
-that cut the object off, wrong dimensions, biased depth: families of random scenes, made by seed.
+that cut the object off, wrong dimensions, biased depth, what hides its own foot: families of random scenes, by seed.
 
 `hard_scene("tent", 3)` gives the scene, the URDF that the inference is given (which may be a little wrong, where that
 is what makes the family hard) and the noise beyond the sensor's own. Even seeds are for tuning, odd ones for reports.
@@ -85,6 +85,20 @@ def pliers(length: float) -> str:
         )
     elements.append(joint("pivot", "revolute", "first", "second", (0, 0, 0.012), axis=(0, 0, 1), limits=(-1.2, 0.2)))
     return robot("pliers", elements)
+
+
+def monitor(upper: float, fore: float) -> str:
+    """A screen that tilts on an arm of two links, lying one above the other, on a post on a foot."""
+    elements = [
+        link("post", [box((0.18, 0.14, 0.02), (0, 0, 0.01)), box((0.04, 0.04, 0.35), (0, 0, 0.175))]),
+        link("upper", [box((upper, 0.05, 0.035), (upper / 2, 0, 0))]),
+        link("fore", [box((fore, 0.045, 0.035), (fore / 2, 0, 0))]),
+        link("screen", [box((0.03, 0.5, 0.3), (0.06, 0, 0)), box((0.06, 0.08, 0.08), (0.02, 0, 0))]),
+        joint("shoulder", "revolute", "post", "upper", (0, 0, 0.32), axis=(0, 0, 1), limits=(-1.5, 1.5)),
+        joint("elbow", "revolute", "upper", "fore", (upper, 0, 0.04), axis=(0, 0, 1), limits=(-2.3, 2.3)),
+        joint("tilt", "revolute", "fore", "screen", (fore, 0, 0), axis=(0, 1, 0), limits=(-0.5, 0.5)),
+    ]
+    return robot("monitor", elements)
 
 
 def hard_scene(family: str, seed: int, sensor: str = Scene.sensor) -> HardScene:
@@ -271,6 +285,13 @@ def _lying(rng: np.random.Generator) -> HardScene:
     return HardScene(replace(scene, pose_world_base=poses.multiply(scene.pose_world_base, tilt)), urdf, "any")
 
 
+def _monitor(rng: np.random.Generator) -> HardScene:
+    """A screen that hides its arm and its post, or most of them."""
+    urdf = monitor(*rng.uniform(0.2, 0.28, 2))
+    joints = {"shoulder": rng.uniform(-0.8, 0.8), "elbow": rng.uniform(-1.2, 1.2), "tilt": rng.uniform(-0.3, 0.3)}
+    return HardScene(table_scene(rng, urdf, joints, 0.0, 1.0), urdf)
+
+
 FAMILIES: dict[str, Callable[[np.random.Generator], HardScene]] = {
     "open_laptop": _open_laptop,
     "shut_laptop": _shut_laptop,
@@ -293,4 +314,5 @@ FAMILIES: dict[str, Callable[[np.random.Generator], HardScene]] = {
     "room_door": room_door,
     "wardrobe": wardrobe_before_a_wall,
     "kitchen": kitchen_row,
+    "monitor": _monitor,
 }

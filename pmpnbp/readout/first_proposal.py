@@ -101,6 +101,8 @@ def joints_elsewhere(problem: Problem, place: Held, here: float, stds: Array) ->
     model, joints = problem.mrf.model, place.joints
     spans = model.upper - model.lower
     moving = np.flatnonzero((spans > 0) & np.isfinite(spans))
+    if not len(moving):
+        return Elsewhere((), np.zeros((0, 7)), np.zeros((0, model.dof)))
     offsets = (np.arange(CELLS) + 0.5) / CELLS * spans[moving, None] + (model.lower - joints)[moving, None]
     cells = spans / CELLS
     # no Gaussian fits a joint of which the curvature tells nothing

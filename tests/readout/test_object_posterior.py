@@ -46,6 +46,14 @@ def moments(draws: ModeDraws) -> tuple[float, float]:
     return mean, float(np.sqrt(weights @ (slide - mean) ** 2))
 
 
+def test_what_has_no_joints_has_a_posterior() -> None:
+    model = worlds.articulated([], {"link0": worlds.block([0.3, 0.2, 0.1])})
+    made = problems.build(model, worlds.seen(model, ROOT, np.zeros(0)), UniformPrior("upright"), worlds.settings())
+    draws = mode_draws(np.random.default_rng(0), made, ROOT, np.zeros(0))
+    assert draws.joints.shape == (len(draws.roots), 0) and draws.elsewhere[0].shape == (0, 7)
+    assert draws.stds.max() < 0.01
+
+
 @pytest.mark.parametrize(("name", "longest"), [("seen", 0.25), ("hidden", 0.25), ("hidden", 0.07)])
 def test_a_joint_s_posterior_is_that_on_a_grid(name: str, longest: float) -> None:
     """The hinge is known, so that the slide's posterior is the score along it. Twenty sets of draws; of their mean and

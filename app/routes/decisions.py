@@ -19,6 +19,7 @@ from app.sessions.source import Source
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.names import some_of
+from pmpnbp.readout.posterior import TURN
 from pmpnbp.readout.result import pose_members
 from pmpnbp.readout.sight import sights
 from pmpnbp.readout.snapshot import Snapshot
@@ -107,7 +108,11 @@ def _action(snapshot: Snapshot, blocking: list[str], max_std: float) -> tuple[st
         return "no_fit", posterior.fit.reason
     if not blocking:
         return "act", f"every asked link is known to {1000 * max_std:g} mm; {posterior.fit.reason}"
-    return "look", f"{some_of(blocking)} may be off by more than {1000 * max_std:g} mm"
+    found = f"{some_of(blocking)} may be off by more than {1000 * max_std:g} mm"
+    spread, names = snapshot.placed.spread, snapshot.problem.mrf.model.links
+    if spread is not None and spread.turned(max_std)[[names.index(link) for link in blocking]].any():
+        found += f", or turned by more than {np.degrees(TURN * max_std):g}°"
+    return "look", found
 
 
 def _views(

@@ -27,7 +27,7 @@ DOUBT = 0.01
 # Nobody is certain of a link longer than this, metres, of which more than this share of the posterior has it turned by
 # more than this, radians for each metre of `max_std`: 2° at the paper's 2.5 mm. What is slender may turn about itself
 # by more and hardly move its surface.
-LONG, TURNED, TURN = 0.10, 0.2, np.radians(2.0) / 0.0025
+LONG, TURNED, TURN = 0.10, 0.15, np.radians(2.0) / 0.0025
 # The central share of a joint's interval.
 CENTRAL = 0.9
 
@@ -146,10 +146,13 @@ class Spread:
         # the mode that is told is not elsewhere; how far it is from where it is told to be counts as spread
         rivals[np.argmin(self.moved.max(axis=1))] = False
         elsewhere = np.any(rivals[:, None] & (self.moved > max_std), axis=0)
-        turned = np.mean(self.turns > TURN * max_std, axis=0) > TURNED
-        narrow = (std <= max_std) & ~(self.expected_add > max_std) & ~turned
+        narrow = (std <= max_std) & ~(self.expected_add > max_std) & ~self.turned(max_std)
         found: NDArray[np.bool_] = posterior.told & narrow & ~elsewhere & ~self.denied
         return found
+
+    def turned(self, max_std: float) -> NDArray[np.bool_]:
+        """(L,): which links may be turned by more than goes with `max_std`, metres: see LONG."""
+        return np.mean(self.turns > TURN * max_std, axis=0) > TURNED
 
 
 def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -> Spread:

@@ -330,7 +330,9 @@ def test_the_decision_is_to_act_where_all_asked_links_are_certain(client: httpx.
 
 
 def test_a_planner_s_own_views_are_ranked_by_what_they_tell_over_their_cost(client: httpx.Client, rested: str) -> None:
-    offered = client.get(f"{rested}/decision?max_std=1e-6").json()["views"]
+    narrow = client.get(f"{rested}/decision?max_std=1e-6").json()
+    assert narrow["reason"].endswith("may be off by more than 0.001 mm, or turned by more than 0.0008°")
+    offered = narrow["views"]
     turned_away = json.loads(json.dumps(offered[0]["pose"]))
     turned_away["position"]["z"] += 30.0  # nothing of the object is in sight
     dear = {"pose": offered[0]["pose"], "cost": 1000.0}

@@ -14,6 +14,7 @@ from typing import Any
 
 import httpx
 
+from app.memory import keep_for_good
 from app.server_config import ServerConfig
 from app.uploads.parsers import Parsers
 from app.uploads.uploads import parsers_for
@@ -34,6 +35,7 @@ class Served:
         """Wait until the kernels are there, as sessions that run need them."""
         while self.client.get("/readyz").status_code != 200:
             time.sleep(0.05)
+        keep_for_good()
         return self
 
 

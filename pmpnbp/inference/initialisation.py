@@ -27,6 +27,9 @@ MATCHED, CANDIDATES = 0.9, 32
 DISAGREEMENT, LEAST_AGREEMENT, FARTHEST = 0.06, 0.85, 3.0
 # A normal whose horizontal part is shorter than this says nothing of the yaw.
 HORIZONTAL = 0.5
+# Of upright matches of surfaces that are as upright (what their normals have of up) this share is put where the object
+# stands on a support plane, which is level where its normal has as much of up.
+UPRIGHT, STANDING, LEVEL = 0.3, 0.5, 0.95
 
 
 def start(rng: np.random.Generator, problem: Problem) -> State:
@@ -191,7 +194,29 @@ def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> 
         yaw = np.where(steep, rng.uniform(-np.pi, np.pi, count), yaw)
         about_up = poses.from_rotation_vector(yaw[:, None] * np.array([0.0, 0.0, 1.0]))
         rotation = poses.quaternion_multiply(upright_world, about_up)
-    return np.concatenate([observation.points[seen] - poses.rotate(rotation, points), rotation], axis=-1)
+    roots = np.concatenate([observation.points[seen] - poses.rotate(rotation, points), rotation], axis=-1)
+    return roots if prior.orientation == "any" else _stood(rng, problem, roots, seen)
+
+
+def _stood(rng: np.random.Generator, problem: Problem, roots: Array, seen: NDArray[np.int64]) -> Array:
+    """Root poses (count, 7), matched with the scan's points numbered `seen` (count,). A match of upright surfaces leaves
+    open how high the object is: some of them are put on a support plane, from which the root reaches up to the point.
+    """
+    observation, mesh = problem.observation, problem.mrf.model.parts[0].inference_mesh
+    level = observation.planes[observation.planes[:, :3] @ observation.up > LEVEL]
+    steep = np.abs(observation.normals[seen] @ observation.up) < UPRIGHT
+    chosen = np.flatnonzero(steep & (rng.random(len(roots)) < STANDING))
+    if not len(level) or not len(mesh.vertices) or not len(chosen):
+        return roots
+    low, high = mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()
+    plane = level[rng.integers(len(level), size=len(chosen))]
+    rise = plane[:, :3] @ observation.up
+    above = ((plane[:, :3] * observation.points[seen[chosen]]).sum(axis=1) + plane[:, 3]) / rise
+    standing = (above > 0) & (above < high - low)
+    chosen, plane, rise = chosen[standing], plane[standing], rise[standing]
+    gap = ((plane[:, :3] * roots[chosen, :3]).sum(axis=1) + plane[:, 3]) / rise
+    roots[chosen, :3] -= (gap + low)[:, None] * observation.up
+    return roots
 
 
 def _between(a: Array, b: Array) -> Array:

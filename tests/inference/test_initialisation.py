@@ -70,6 +70,31 @@ def test_upright_a_surface_point_meets_the_scans_and_its_normal_turns_to_it(rng:
     np.testing.assert_allclose(up, np.tile(worlds.UP, (300, 1)), atol=1e-9)
 
 
+@pytest.mark.parametrize("up", [[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [0.3, 0.4, -0.86]])
+def test_of_matches_of_upright_surfaces_half_stand_on_what_is_level(rng: np.random.Generator, up: list[float]) -> None:
+    """Of 400 a binomial's 5 standard deviations: one in a million."""
+    direction = np.array(up) / np.linalg.norm(up)
+    aside = np.cross(direction, [0.6, -0.5, 0.1])
+    aside /= np.linalg.norm(aside)
+    floor, wall = np.array([*direction, 0.4]), np.array([*aside, 3.0])
+    height = MODEL.parts[0].inference_mesh.vertices[:, 2].max()
+    counts = {}
+    for name, normal, above, planes in (
+        ("standing", aside, 0.5 * height, [floor, wall]),
+        ("out of reach", aside, 1.5 * height, [floor, wall]),
+        ("lying", direction, 0.5 * height, [floor]),
+        ("no floor", aside, 0.5 * height, [wall]),
+    ):
+        # what is seen is so high above the floor
+        seen = point_seen((above - 0.4) * direction + 0.2 * aside, normal, direction)
+        made = problem_of(replace(seen, planes=np.array(planes)), UniformPrior("upright"))
+        roots = initialisation.matched_roots(rng, made, initialisation.random_joints(rng, made, 400))
+        # the cupboard's root is where it stands
+        counts[name] = int(np.sum(np.abs(roots[:, :3] @ direction + 0.4) < 1e-9))
+    assert abs(counts.pop("standing") - 400 * initialisation.STANDING) < 5 * np.sqrt(400 / 4)
+    assert counts == {"out of reach": 0, "lying": 0, "no floor": 0}
+
+
 @pytest.mark.parametrize("up", [[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [0.3, 0.4, -0.86], [0.0, 0.0, -1.0]])
 def test_upright_means_along_the_scenes_up_with_any_yaw(rng: np.random.Generator, up: list[float]) -> None:
     direction = np.array(up) / np.linalg.norm(up)

@@ -170,7 +170,7 @@ def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> 
     part_poses = problem.mrf.part_poses(poses.IDENTITY, joints)
     whole = surface([part.inference_mesh for part in problem.mrf.model.parts])
     points, normals = np.empty((count, 3)), np.empty((count, 3))
-    seen = np.empty(count, dtype=np.int64)
+    seen, matched = np.empty((2, count), dtype=np.int64)
     upright_world = upright(observation.up)
     inclination = observation.normals @ observation.up
     waiting = np.arange(count)
@@ -178,7 +178,7 @@ def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> 
         point, normal, part = drawn_points(rng, whole, len(waiting))
         points[waiting] = poses.transform_points(part_poses[waiting, part], point)
         normals[waiting] = poses.rotate(part_poses[waiting, part, 3:], normal)
-        seen[waiting] = rng.integers(len(observation.points), size=len(waiting))
+        seen[waiting], matched[waiting] = rng.integers(len(observation.points), size=len(waiting)), part
         if prior.orientation == "any":
             break
         waiting = waiting[np.abs(normals[waiting, 2] - inclination[seen[waiting]]) > INCLINATION]
@@ -195,27 +195,26 @@ def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> 
         about_up = poses.from_rotation_vector(yaw[:, None] * np.array([0.0, 0.0, 1.0]))
         rotation = poses.quaternion_multiply(upright_world, about_up)
     roots = np.concatenate([observation.points[seen] - poses.rotate(rotation, points), rotation], axis=-1)
-    return roots if prior.orientation == "any" else _stood(rng, problem, roots, seen)
+    return roots if prior.orientation == "any" else _stood(rng, problem, roots, seen, matched)
 
 
-def _stood(rng: np.random.Generator, problem: Problem, roots: Array, seen: NDArray[np.int64]) -> Array:
-    """Root poses (count, 7), matched with the scan's points numbered `seen` (count,). A match of upright surfaces leaves
-    open how high the object is: some of them are put on a support plane, from which the root reaches up to the point.
-    """
+def _stood(
+    rng: np.random.Generator, problem: Problem, roots: Array, seen: NDArray[np.int64], matched: NDArray[np.int64]
+) -> Array:
+    """Root poses (count, 7) at which points of the parts `matched` (count,) are laid on the scan's, numbered `seen`
+    (count,). A match of upright surfaces leaves open how high the object is: some are moved along them to where it
+    stands on a support plane, as far as the part reaches."""
     observation, mesh = problem.observation, problem.mrf.model.parts[0].inference_mesh
     level = observation.planes[observation.planes[:, :3] @ observation.up > LEVEL]
     steep = np.abs(observation.normals[seen] @ observation.up) < UPRIGHT
     chosen = np.flatnonzero(steep & (rng.random(len(roots)) < STANDING))
-    if not len(level) or not len(mesh.vertices) or not len(chosen):
+    if not len(level) or not len(mesh.vertices):
         return roots
-    low, high = mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()
     plane = level[rng.integers(len(level), size=len(chosen))]
-    rise = plane[:, :3] @ observation.up
-    above = ((plane[:, :3] * observation.points[seen[chosen]]).sum(axis=1) + plane[:, 3]) / rise
-    standing = (above > 0) & (above < high - low)
-    chosen, plane, rise = chosen[standing], plane[standing], rise[standing]
-    gap = ((plane[:, :3] * roots[chosen, :3]).sum(axis=1) + plane[:, 3]) / rise
-    roots[chosen, :3] -= (gap + low)[:, None] * observation.up
+    above = ((plane[:, :3] * roots[chosen, :3]).sum(axis=1) + plane[:, 3]) / (plane[:, :3] @ observation.up)
+    too_high = above + mesh.vertices[:, 2].min()
+    within = np.abs(too_high) < 2 * problem.mrf.radii[matched[chosen]]
+    roots[chosen[within], :3] -= too_high[within, None] * observation.up
     return roots
 
 

@@ -81,7 +81,7 @@ def test_of_matches_of_upright_surfaces_half_stand_on_what_is_level(rng: np.rand
     counts = {}
     for name, normal, above, planes in (
         ("standing", aside, 0.5 * height, [floor, wall]),
-        ("out of reach", aside, 1.5 * height, [floor, wall]),
+        ("out of reach", aside, 5 * height, [floor, wall]),
         ("lying", direction, 0.5 * height, [floor]),
         ("no floor", aside, 0.5 * height, [wall]),
     ):

@@ -195,7 +195,10 @@ def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> 
         about_up = poses.from_rotation_vector(yaw[:, None] * np.array([0.0, 0.0, 1.0]))
         rotation = poses.quaternion_multiply(upright_world, about_up)
     roots = np.concatenate([observation.points[seen] - poses.rotate(rotation, points), rotation], axis=-1)
-    return roots if prior.orientation == "any" else _stood(rng, problem, roots, seen, matched)
+    # a chain that is grown begins where its root is seen
+    if prior.orientation == "any" or problem.grows:
+        return roots
+    return _stood(rng, problem, roots, seen, matched)
 
 
 def _stood(

@@ -60,11 +60,12 @@ def curvature_information(
     if isinstance(problem.prior, GaussianPrior):
         known = np.concatenate([problem.prior.std_xyz, problem.prior.std_rpy])
         information[range(6), range(6)] += 1 / known**2
+    size = 6 + len(place.joints)
     if place.part:
         own = np.eye(len(information))
-        own[: len(place.by_root), : len(place.by_root)] = place.by_root
+        own[:size, :size] = place.by_root
         information = own.T @ information @ own
-    information += np.diag(np.concatenate([np.full(len(place.by_root), loose), problem.nuisance_std[free]]) ** -2.0)
+    information += np.diag(np.concatenate([np.full(size, loose), problem.nuisance_std[free]]) ** -2.0)
     return information
 
 

@@ -1,10 +1,10 @@
-"""By which part is a configuration held, when it is moved to see what else it could be? Coordinates of the object about
-a place: the pose of that part, and joint positions, behind which all other parts come after.
+"""By which part is an object held, when it is moved to see where else it could be? The coordinates of its configurations
+about a place are the pose of that part, and joint positions; all other parts follow.
 
 An object whose root is seen is held by its root. A screen that hides its own arm and foot is known to a millimetre,
 while the foot may stand anywhere behind it. Held by the foot, every joint that moves would carry the screen off, and
-what is open would be a curved path of foot and joints together, that no Gaussian follows; held by the screen, it is
-where joints may be, one by one.
+what is open would be a curved path of foot and joints together, that no Gaussian follows. Held by the screen, it is
+where each joint may be.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from pmpnbp.readout.particle_statistics import short_way_round
 ENOUGH = 0.1
 # Metres or radians that a coordinate is moved by for a derivative.
 LITTLE = 1e-4
-_NOWHERE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +63,14 @@ class Held:
 
     @cached_property
     def _pose(self) -> Array:
+        if self.part == 0:
+            return self.root
         found: Array = self.mrf.part_poses(self.root, self.joints)[self.part]
-        return self.root if self.part == 0 else found
+        return found
 
     def _from_root(self, joints: Array) -> Array:
         """(C, 7) of the part in the root's frame."""
-        found: Array = self.mrf.part_poses(_NOWHERE, joints)[:, self.part]
+        found: Array = self.mrf.part_poses(poses.IDENTITY, joints)[:, self.part]
         return found
 
 

@@ -1,5 +1,5 @@
-"""By which part is an object held, when it is moved to see where else it could be? The coordinates of its configurations
-about a place are the pose of that part, and joint positions; all other parts follow.
+"""By which part is an object held, when it is moved to see where else it could be? Its coordinates about a place are
+the pose of that part, and joint positions; all other parts follow.
 
 An object whose root is seen is held by its root. A screen that hides its own arm and foot is known to a millimetre,
 while the foot may stand anywhere behind it. Held by the foot, every joint that moves would carry the screen off, and

@@ -27,7 +27,7 @@ DOUBT = 0.01
 # Nobody is certain of a link longer than this, metres, of which more than this share of the posterior has it turned by
 # more than this, radians for each metre of `max_std`: 2° at the paper's 2.5 mm. What is slender may turn about itself
 # by more and hardly move its surface.
-LONG, TURNED, TURN = 0.10, 0.15, np.radians(2.0) / 0.0025
+LONG, TURNED, TURN = 0.10, 0.15, 400 * np.radians(2.0)
 # The central share of a joint's interval.
 CENTRAL = 0.9
 

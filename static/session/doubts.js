@@ -5,9 +5,9 @@ import { hasPosterior } from "./state.js";
 
 // A rival that weighs more may be where a link is not certain: what the server goes by.
 const DOUBT = 0.01;
-// And fewer draws, and by how much a link may not be turned, radians for each metre of the limit, likewise.
+// And fewer draws, and by how much a link may not be turned, radians for each metre of the limit (2° for 2.5 mm).
 const FEWEST_DRAWS = 20;
-const TURN = Math.PI / 90 / 0.0025;
+const TURN = (400 * Math.PI) / 90;
 
 export function doubts(link, estimate) {
   if (link.certain) return "";

@@ -15,6 +15,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import START, SURFACE, Belief, Origin, State
 from pmpnbp.inference.problem import Problem
 from pmpnbp.scene.prior import UniformPrior
+from pmpnbp.scene.support_planes import LEVEL
 from pmpnbp.scene.surface_points import drawn_points, surface
 
 # How often pairs of points whose inclinations differ are drawn again, and by how much the z components of their
@@ -28,8 +29,8 @@ DISAGREEMENT, LEAST_AGREEMENT, FARTHEST = 0.06, 0.85, 3.0
 # A normal whose horizontal part is shorter than this says nothing of the yaw.
 HORIZONTAL = 0.5
 # Of upright matches of surfaces that are as upright (what their normals have of up) this share is put where the object
-# stands on a support plane, which is level where its normal has as much of up.
-UPRIGHT, STANDING, LEVEL = 0.3, 0.5, 0.95
+# stands on a level support plane.
+UPRIGHT, STANDING = 0.3, 0.5
 
 
 def start(rng: np.random.Generator, problem: Problem) -> State:
@@ -208,9 +209,9 @@ def _stood(
     (count,). A match of upright surfaces leaves open how high the object is: some are moved along them to where it
     stands on a support plane, as far as the part reaches."""
     observation, mesh = problem.observation, problem.mrf.model.parts[0].inference_mesh
-    level = observation.planes[observation.planes[:, :3] @ observation.up > LEVEL]
-    steep = np.abs(observation.normals[seen] @ observation.up) < UPRIGHT
-    chosen = np.flatnonzero(steep & (rng.random(len(roots)) < STANDING))
+    level = observation.planes[observation.planes[:, :3] @ observation.up >= LEVEL]
+    on_upright = np.abs(observation.normals[seen] @ observation.up) < UPRIGHT
+    chosen = np.flatnonzero(on_upright & (rng.random(len(roots)) < STANDING))
     if not len(level) or not len(mesh.vertices):
         return roots
     plane = level[rng.integers(len(level), size=len(chosen))]

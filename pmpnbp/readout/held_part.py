@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
@@ -20,6 +21,7 @@ from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.unary import renders
 from pmpnbp.readout.particle_statistics import short_way_round
+from pmpnbp.scene.observation import View
 
 # The root holds the object where it confirms this share of the pixels that the best seen part does.
 ENOUGH = 0.1
@@ -79,7 +81,12 @@ def held(problem: Problem, root: Array, joints: Array) -> Held:
     seen = np.zeros(problem.mrf.nodes)
     part_poses = problem.mrf.part_poses(root, joints)
     for view, _, depth, number in renders(problem.observation, problem.surfaces, part_poses, problem.nuisances):
-        near = (depth > 0) & (view.depth > 0) & (np.abs(view.depth - depth) < problem.tolerance_end)
-        seen += np.bincount(number[near], minlength=len(seen))
+        seen += np.bincount(number[shown(problem, view, depth)], minlength=len(seen))
     best = int(seen.argmax())
     return Held(problem.mrf, 0 if seen[0] >= ENOUGH * seen[best] else best, root, joints)
+
+
+def shown(problem: Problem, view: View, depth: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(h, w): the pixels of a render (h, w), metres, in which the view measured what is drawn."""
+    found: NDArray[np.bool_] = (depth > 0) & (view.depth > 0) & (np.abs(view.depth - depth) < problem.tolerance_end)
+    return found

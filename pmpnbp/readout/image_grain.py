@@ -18,7 +18,7 @@ from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import renders
-from pmpnbp.readout.held_part import LITTLE, Held
+from pmpnbp.readout.held_part import LITTLE, Held, shown
 from pmpnbp.scene.depth_noise import told_noise
 
 # Standard deviations: an outline's pixel is off across it by EDGE pixels; a surface's depth by FACE of what a pixel
@@ -62,7 +62,7 @@ def grain(problem: Problem, place: Held) -> Array:
     ):
         if view.distance <= 0:
             continue
-        near = (depth > 0) & (view.depth > 0) & (np.abs(view.depth - depth) < problem.tolerance_end)
+        near = shown(problem, view, depth)
         in_view = told_of_parts(view.camera, depth, number, near, middles, problem.tolerance_end, float(noise[camera]))
         told += distorted(in_view, view.camera, view.distortion, middles, mrf.radii)
         # what seems smaller by its outlines seems farther off

@@ -121,7 +121,7 @@ def _drawn_about(
         roots, others, _ = polish(rng, problem, *best, plan, problem.tolerance_end, 1)
         root, joints, moved = roots[0], others[0], True
     seen = confirmation(problem, root, joints) if moved else seen
-    return Place(root=root, joints=joints, seen=seen, draws=draws, apart=apart)
+    return Place(seen=seen, draws=draws, apart=apart)
 
 
 def _told(

@@ -19,7 +19,7 @@ from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.chain_bends import bends, bent_otherwise
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
-from pmpnbp.readout.first_proposal import LOOSE, curvature_information, joints_elsewhere, measured_covariance
+from pmpnbp.readout.first_proposal import LOOSE, Elsewhere, curvature_information, joints_elsewhere, measured_covariance
 from pmpnbp.readout.free_turn import free_turn, turned_anyhow
 from pmpnbp.readout.held_part import Held, held
 from pmpnbp.readout.image_grain import grain
@@ -59,8 +59,7 @@ class ModeDraws:
     nuisances : (K, ...), see `potentials/nuisances.py`; None where all are fixed
     nats : the log posterior at the configuration that was drawn about
     best_root, best_joints : (7,), (D,) of the draw of the highest density; gain : nats by which that is higher
-    elsewhere : roots (K, 7) and joints (K, D), each with one joint far from where it was drawn about, in the best place
-        for it alone
+    elsewhere : where one joint of the configuration that was drawn about could as well be
     log_evidence : of the mode: logarithm of the posterior's integral over it, up to what is the same for all modes
     log_room : logarithm of the volume that its joint positions fill, before they were bent, likewise
     effective_sample_size : how many draws of equal weight would tell as much
@@ -77,7 +76,7 @@ class ModeDraws:
     best_root: Array
     best_joints: Array
     gain: float
-    elsewhere: tuple[Array, Array]
+    elsewhere: Elsewhere
     log_evidence: float
     log_room: float
     effective_sample_size: float
@@ -131,7 +130,7 @@ def mode_draws(
         best_root=best_roots[0],
         best_joints=within_limits(best_joints[0], model.lower, model.upper, model.wraps),
         gain=float(drawn.log_density[best] - here),
-        elsewhere=(elsewhere.roots, elsewhere.joints),
+        elsewhere=elsewhere,
         log_evidence=drawn.log_integral,
         log_room=_log_room(weights, q),
         effective_sample_size=drawn.effective_sample_size,

@@ -45,14 +45,22 @@ OTHERS, APART, SHARED, FAINT = 2, 0.5, 0.3, 0.15
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """A mode: root (7,) and joints (D,), its best configuration; seen : what the views say of it; draws : about it;
-    apart : whether it is another thing of the same kind."""
+    """A mode. seen : what the views say of its best configuration; draws : about that; apart : whether it is another
+    thing of the same kind."""
 
-    root: Array
-    joints: Array
     seen: Confirmation
     draws: ModeDraws
     apart: bool
+
+    @property
+    def root(self) -> Array:
+        """(7,) of its best configuration."""
+        return self.draws.about.root
+
+    @property
+    def joints(self) -> Array:
+        """(D,) of its best configuration."""
+        return self.draws.about.joints
 
     @property
     def nats(self) -> float:
@@ -68,8 +76,8 @@ def contenders(
     not within `reach` (N,) of it."""
     others, possible = triple_moves(problem.mrf, problem.mrf.part_poses(own.root, own.joints)[None], own.joints[None])
     joints = np.concatenate([others[possible], _turned_by_half(problem, own.joints)])
-    roots = np.concatenate([np.tile(own.root, (len(joints), 1)), own.draws.elsewhere[0]])
-    joints = np.concatenate([joints, own.draws.elsewhere[1]])
+    roots = np.concatenate([np.tile(own.root, (len(joints), 1)), own.draws.elsewhere.roots])
+    joints = np.concatenate([joints, own.draws.elsewhere.joints])
     if report.rivals is not None:
         roots = np.concatenate([report.rivals[:, :7], roots])
         joints = np.concatenate([report.rivals[:, 7:], joints])

@@ -50,7 +50,7 @@ def test_what_has_no_joints_has_a_posterior() -> None:
     model = worlds.articulated([], {"link0": worlds.block([0.3, 0.2, 0.1])})
     made = problems.build(model, worlds.seen(model, ROOT, np.zeros(0)), UniformPrior("upright"), worlds.settings())
     draws = mode_draws(np.random.default_rng(0), made, ROOT, np.zeros(0))
-    assert draws.joints.shape == (len(draws.roots), 0) and draws.elsewhere[0].shape == (0, 7)
+    assert draws.joints.shape == (len(draws.roots), 0) and draws.elsewhere.roots.shape == (0, 7)
     assert draws.stds.max() < 0.01
 
 
@@ -116,7 +116,7 @@ def test_cells_that_are_not_looked_at_would_change_nothing(name: str, monkeypatc
         monkeypatch.setattr(first_proposal, "HOPELESS", hopeless)
         rendered.append(0)
         draws.append(mode_draws(np.random.default_rng(2), made, ROOT, JOINTS))
-    assert len(draws[0].elsewhere[0]) <= len(draws[1].elsewhere[0])
+    assert len(draws[0].elsewhere.roots) <= len(draws[1].elsewhere.roots)
     for member in set(vars(draws[0])) - {"about", "elsewhere"}:
         np.testing.assert_array_equal(getattr(draws[0], member), getattr(draws[1], member))
     # of both joints, where they are in sight

@@ -54,20 +54,20 @@ def of_estimate(problem: Problem, report: IterationReport, checkpoint: Checkpoin
     """The posterior about the estimate of an iteration, whatever its stage. The same problem and report give the same
     numbers. Raises what `checkpoint` does, which is called between rounds of draws and between modes."""
     problem = problem.taking(report.nuisances)
-    root, joints = agreeing(problem, report)
+    estimate = agreeing(problem, report)
     rng = np.random.default_rng([problem.seed, report.iteration, 1])
-    own = _drawn_about(rng, problem, report, root, joints, confirmation(problem, root, joints), checkpoint)
+    own = _drawn_about(rng, problem, report, *estimate, confirmation(problem, *estimate), checkpoint)
+    assert own is not None
     places, reaches = [own], [mode_reach(problem, own)]
     checkpoint()
-    for root_there, joints_there, seen, apart in contenders(rng, problem, report, own, reaches[0]):
-        if len(places) < MODES and _is_new(problem, places, reaches, root_there, joints_there):
-            place = _drawn_about(rng, problem, report, root_there, joints_there, seen, checkpoint, apart=apart)
-            # its draws may have led back to one that is known
-            if _is_new(problem, places, [least_reach(problem)] * len(places), place.root, place.joints):
+    for root, joints, seen, apart in contenders(rng, problem, report, own, reaches[0]):
+        if len(places) < MODES and _is_new(problem, places, reaches, root, joints):
+            place = _drawn_about(rng, problem, report, root, joints, seen, checkpoint, known=places, apart=apart)
+            if place is not None:
                 places.append(place)
                 reaches.append(mode_reach(problem, place))
     checkpoint()
-    return _told(rng, problem, report.iteration, places, (root, joints), checkpoint)
+    return _told(rng, problem, report.iteration, places, estimate, checkpoint)
 
 
 def at_rest(
@@ -91,7 +91,7 @@ def motions(problem: Problem, root: Array, joints: Array, roots: Array, others: 
 
 
 def _is_new(
-    problem: Problem, places: list[Place], reaches: Sequence[Array | float], root: Array, joints: Array
+    problem: Problem, places: Sequence[Place], reaches: Sequence[Array | float], root: Array, joints: Array
 ) -> bool:
     """Whether a configuration (7,), (D,) is of none of the modes, each of which has its reach, (N,) or of all parts."""
     return not any(
@@ -109,10 +109,12 @@ def _drawn_about(
     seen: Confirmation,
     checkpoint: Checkpoint,
     *,
+    known: Sequence[Place] = (),
     apart: bool = False,
-) -> Place:
-    """The mode about a configuration (7,), (D,), or about a much better one that its draws find."""
-    moved = False
+) -> Place | None:
+    """The mode about a configuration (7,), (D,), or about a much better one that its draws find; None where that is one
+    of the known."""
+    moved, least = False, [least_reach(problem)] * len(known)
     for left in range(MOVES, -1, -1):
         draws = mode_draws(rng, problem, root, joints, checkpoint, SURPASSED if left else np.inf)
         if draws.gain <= SURPASSED or not left:
@@ -120,6 +122,8 @@ def _drawn_about(
         plan, best = problem.schedule(report.iteration), (draws.best_root[None], draws.best_joints[None])
         roots, others, _ = polish(rng, problem, *best, plan, problem.tolerance_end, 1)
         root, joints, moved = roots[0], others[0], True
+        if not _is_new(problem, known, least, root, joints):
+            return None
     seen = confirmation(problem, root, joints) if moved else seen
     return Place(seen=seen, draws=draws, apart=apart)
 

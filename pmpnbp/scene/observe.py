@@ -17,6 +17,7 @@ from pmpnbp.errors import ScanError
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import IDENTITY, Array
 from pmpnbp.scene.depth_distortion import depth_distortion
+from pmpnbp.scene.flying_pixels import without_flying_pixels
 from pmpnbp.scene.normals import surface_normals
 from pmpnbp.scene.observation import (
     CONTINUED,
@@ -73,6 +74,7 @@ def observe(
         raise ScanError(f"the work image's width is {width}; expected at least {LEAST_WIDTH} pixels")
     roi = None if roi is None else _checked_roi(roi)
     margin = 0 if roi is None else min(MARGIN, width // MARGIN_SHARE)
+    scans = [replace(scan, depth=without_flying_pixels(scan.depth)) for scan in scans]
     images = [work_image(scan, _in_region(scan, roi), width, margin) for scan in scans]
     if all(image is None for image in images):
         raise ScanError(_nothing_in(scans, roi))

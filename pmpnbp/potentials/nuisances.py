@@ -60,6 +60,13 @@ def of_last_views(nuisances: Array, views: int, first: int) -> Array:
     return np.concatenate([scales[first:], offsets[first:].ravel(), sizes])
 
 
+def camera_motion(offset: Array, pose_world_camera: Array) -> Array:
+    """(..., 7) by which what is in the world appears to be moved, of a camera's `offset` (..., 6) from where it was
+    given, `pose_world_camera` (7,)."""
+    true_camera = np.concatenate([offset[..., :3], poses.from_rotation_vector(offset[..., 3:])], axis=-1)
+    return poses.multiply(pose_world_camera, poses.inverse(poses.multiply(pose_world_camera, true_camera)))
+
+
 def apparent(
     nuisances: Array, view: int, views: int, pose_world_camera: Array, poses_world_part: Array, axes_at_zero: Array
 ) -> Array:
@@ -70,9 +77,7 @@ def apparent(
     poses_world_part : (..., P, 7); axes_at_zero : (P, 3, 3) of these parts, see `Surfaces`
     """
     scales, offsets, sizes = split(nuisances, views)
-    offset = offsets[..., view, :]
-    true_camera = np.concatenate([offset[..., :3], poses.from_rotation_vector(offset[..., 3:])], axis=-1)
-    moved = poses.multiply(pose_world_camera, poses.inverse(poses.multiply(pose_world_camera, true_camera)))
+    moved = camera_motion(offsets[..., view, :], pose_world_camera)
     placed = poses.to_matrix(poses.multiply(moved[..., None, :], poses_world_part))
     scale = (1.0 + scales[..., view])[..., None, None]
     matrix, origin = scale[..., None] * placed[..., :3, :3], placed[..., :3, 3]

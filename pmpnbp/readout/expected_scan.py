@@ -23,7 +23,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import render, renders
-from pmpnbp.readout.image_grain import distorted, hidden_by_grain, noise_apart, shape, told_of_parts
+from pmpnbp.readout.image_grain import distorted, hidden_by_grain, loose_view, noise_apart, shape, told_of_parts
 from pmpnbp.readout.log_posterior import confidence
 from pmpnbp.scene.observation import SUPPORT
 from pmpnbp.scene.sizes import resized
@@ -153,7 +153,9 @@ def hidden(scan: ExpectedScan, probed: Probed) -> Array:
         middles = poses.transform_points(parts, problem.mrf.centres)
         seen = told_of_parts(scan.camera, depth, number, shown, middles, problem.tolerance_end, noise, finer)
         told.append(distorted(seen, scan.camera, distortion, middles, radii))
-    return hidden_by_grain(problem.mrf, probed.parts, probed.steps, np.array(told), shape(problem))
+    offset_stds = nuisances.split(problem.nuisance_std, 1)[1][0]
+    view = loose_view(np.array(told), offset_stds, scan.camera, here)
+    return hidden_by_grain(problem.mrf, probed.parts, probed.steps, np.zeros_like(view.told), shape(problem), [view])
 
 
 def _sized(scan: ExpectedScan, probed: Probed, offsets: Array) -> Array:

@@ -47,7 +47,19 @@ TWINNED = ("look_alikes",)
 # Families whose objects are not mistaken for one another.
 KINDS = (
     ("open_laptop", "shut_laptop", "tent"),
-    ("look_alikes", "far", "in_front", "cut_off", "dimensions", "bias", "hidden", "board", "wardrobe", "kitchen"),
+    (
+        "look_alikes",
+        "far",
+        "in_front",
+        "cut_off",
+        "dimensions",
+        "bias",
+        "hidden",
+        "board",
+        "wardrobe",
+        "kitchen",
+        "two_views",
+    ),
     ("long_chain", "chain_of_24", "lamp"),
 )
 # All but the slowest, of which there are many parts.

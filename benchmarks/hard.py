@@ -9,6 +9,7 @@ Run it: `python -m benchmarks.hard [--seeds 3] [--tuning] [--families tent lamp]
 
 from __future__ import annotations
 
+import json
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +21,8 @@ from PIL import Image
 from benchmarks import options
 from benchmarks.hard_scenes import FAMILIES, HardScene, hard_scene
 from benchmarks.tables import centimetres, markdown, progress, rate
-from benchmarks.trials import Case, Trial, load_case, load_roi, run_trial, warm_kernels
+from benchmarks.trials import FURTHER, Case, Trial, load_case, load_roi, run_trial, warm_kernels
+from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference.tree_estimate import polish
@@ -79,7 +81,18 @@ def load_absent(
 
 
 def write_hard(folder: Path, made: HardScene, rng: np.random.Generator) -> None:
-    """Scan, truth and region of a scene, and the URDF that the inference is given."""
+    """Scans, truth and region of a scene, and the URDF that the inference is given."""
+    if made.further is not None:
+        camera, off = made.further
+        seen_from = replace(made.scene, camera=camera)
+        write_hard(folder / FURTHER, replace(made, scene=seen_from, further=None), rng)
+        distance = np.linalg.norm(np.asarray(camera.pose_world_camera)[:3] - made.scene.pose_world_base[:3])
+        turn = poses.from_rotation_vector(off / distance * rng.standard_normal(3))
+        said = poses.multiply(camera.pose_world_camera, np.concatenate([off * rng.standard_normal(3), turn]))
+        path = folder / FURTHER / "camera.json"
+        written = json.loads(path.read_text(encoding="utf-8"))
+        written["T_world_camera"] = poses.to_matrix(said).ravel().tolist()
+        path.write_text(json.dumps(written), encoding="utf-8")
     write_scene(folder, made.scene, rng)
     depth = np.asarray(Image.open(folder / "depth.png")).astype(np.float64) / 1000
     noisy = made.depth_scale * depth + made.noise * depth**2 * rng.standard_normal(depth.shape)

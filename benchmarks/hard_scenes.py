@@ -238,6 +238,21 @@ def _in_front(rng: np.random.Generator) -> HardScene:
     return HardScene(replace(scene, clutter=(*scene.clutter, *blocks)), urdf)
 
 
+def _two_views(rng: np.random.Generator) -> HardScene:
+    """Seen by two cameras, of which the second stands some millimetres from where it is said to."""
+    urdf, joints, (_, _, height) = _chest(rng)
+    scene = floor_scene(rng, urdf, joints, 1.5, 0.45 * height)
+    aside = np.array([0.0, 0.0, rng.choice([-1, 1]) * rng.uniform(0.6, 1.0)])
+    about_base = poses.multiply(
+        scene.pose_world_base,
+        poses.multiply(
+            np.concatenate([np.zeros(3), poses.from_rotation_vector(aside)]), poses.inverse(scene.pose_world_base)
+        ),
+    )
+    pose = poses.multiply(about_base, scene.camera.pose_world_camera)
+    return HardScene(scene, urdf, further=(replace(scene.camera, pose_world_camera=pose), 0.005))
+
+
 def _cut_off(rng: np.random.Generator) -> HardScene:
     """A quarter to a half of the object beyond the picture's side."""
     urdf, joints, (_, _, height) = _chest(rng)
@@ -315,4 +330,5 @@ FAMILIES: dict[str, Callable[[np.random.Generator], HardScene]] = {
     "wardrobe": wardrobe_before_a_wall,
     "kitchen": kitchen_row,
     "monitor": _monitor,
+    "two_views": _two_views,
 }

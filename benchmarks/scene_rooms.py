@@ -18,13 +18,15 @@ from sample_data.scenes import Scene, camera_before
 @dataclass(frozen=True)
 class HardScene:
     """scene : what is there; urdf : what the inference is told is there; orientation : "upright" or "any"; depth_scale
-    : of all measured depths; noise : standard deviation at one metre, metres, growing with depth squared."""
+    : of all measured depths; noise : standard deviation at one metre, metres, growing with depth squared; further : a
+    second camera, and how far it is off from where it is said to be, metres, and turned as far, standard deviations."""
 
     scene: Scene
     urdf: str
     orientation: str = "upright"
     depth_scale: float = 1.0
     noise: float = 0.0
+    further: tuple[Camera, float] | None = None
 
 
 def table_scene(rng: np.random.Generator, urdf: str, joints: dict[str, float], lift: float, near: float) -> Scene:

@@ -31,6 +31,8 @@ from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.scene.truth_file import load_truth
 from pmpnbp.settings import SessionOptions, Settings, changed
 
+# Of a scene's folder: where its scan by a second camera lies.
+FURTHER = "further"
 PROJECT = Path(__file__).resolve().parent.parent
 # A part counts where at least this share of it is seen; what is hidden nearly whole can only be guessed.
 VISIBLE = 0.1
@@ -135,16 +137,26 @@ class Made:
 
 
 def load_case(name: str, model: ArticulatedObject, folder: Path, roi: Array | None, settings: Settings) -> Case:
-    """The scene in `folder` (depth.png, camera.json, truth.json) with `roi` (6,), world, metres, or the whole image.
+    """The scene in `folder` (depth.png, camera.json, truth.json) with `roi` (6,), world, metres, or the whole image;
+    seen from a second place, too, where it has a folder FURTHER.
 
-    Shares come from truth.json where it counts pixels, else from rendering the model at its true pose.
+    Shares come from truth.json where it counts pixels, those of the view that shows more, else from rendering the model
+    at its true pose.
     """
+    views = [folder, *filter(Path.is_dir, [folder / FURTHER])]
     truth = load_truth(folder / "truth.json")
-    more = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
-    observation = observe([load_scan(folder / "depth.png", folder / "camera.json")], roi, width=settings.image_width)
+    counted = [json.loads((view / "truth.json").read_text(encoding="utf-8")) for view in views]
+    more = counted[0]
+    scans = [load_scan(view / "depth.png", view / "camera.json") for view in views]
+    observation = observe(scans, roi, width=settings.image_width)
     true_poses = np.array([_true_pose(part, truth["links"]) for part in model.parts])
     if "pixels_alone" in more:
-        shares = np.array([_share(part, more["visible_fraction"], more["pixels_alone"]) for part in model.parts])
+        shares = np.array(
+            [
+                max(_share(part, each["visible_fraction"], each["pixels_alone"]) for each in counted)
+                for part in model.parts
+            ]
+        )
     else:
         shares = visible_fractions(observation, prepare_surfaces(model), true_poses, IN_FRONT)
     # by the link that the part is named after: a base with round wheels fixed to it is not round itself

@@ -99,7 +99,12 @@ class Settings:
         0.0, "", "a camera's depths are all too long by one share, 0 give or take this; 0: by none", low=0, high=0.2
     )
     camera_std: float = _setting(
-        0.0, "m", "further cameras are off by 0 give or take this, and turned as far; 0: by none", low=0, high=0.2
+        0.005,
+        "m",
+        "further cameras are off by 0 give or take this, and turned as far; 0: by none",
+        paper=0.0,
+        low=0,
+        high=0.2,
     )
     size_std: float = _setting(
         0.0,

@@ -23,7 +23,15 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import render, renders
-from pmpnbp.readout.image_grain import distorted, hidden_by_grain, loose_view, noise_apart, shape, told_of_parts
+from pmpnbp.readout.image_grain import (
+    blunted,
+    distorted,
+    hidden_by_grain,
+    noise_apart,
+    shape,
+    told_of_parts,
+    unknown_camera,
+)
 from pmpnbp.readout.log_posterior import confidence
 from pmpnbp.scene.observation import SUPPORT
 from pmpnbp.scene.sizes import resized
@@ -38,6 +46,8 @@ PROBE = 1e-4
 # A surface slanted by more shows no depth to a camera: structured light loses it there (Nguyen et al. 2012). Its depth
 # changes so much with a small move that it would seem to tell most of all.
 GRAZING = np.deg2rad(80.0)
+# Of variances by grain what has a smaller share of the largest one is not told at all.
+UNHIDDEN = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,13 +128,27 @@ def told_apart(scan: ExpectedScan, parts: Array) -> Array:
     return confidence(scan.problem) * told
 
 
+def told_about(scan: ExpectedScan, probed: Probed) -> Array:
+    """(T, P, P): were one of T configurations the truth, the information that the scan alone would have of P
+    coordinates: by its surfaces, by outlines as sharply as its grain shows them, and no sharper than grain and what its
+    camera's place has wrong."""
+    problem, grain = scan.problem, hidden(scan, probed)
+    outlines = np.linalg.pinv(grain, rcond=UNHIDDEN, hermitian=True)
+    offset_stds = nuisances.split(problem.nuisance_std, 1)[1][0]
+    centre, size = problem.mrf.centres[0], grain.shape[-1]
+    unknown = unknown_camera(scan.camera, offset_stds, probed.roots, centre, size)
+    return blunted(information(scan, probed) + outlines, grain + unknown)
+
+
 def information(scan: ExpectedScan, probed: Probed) -> Array:
-    """(T, P, P): were one of T configurations the truth, the inverse of the covariance with which the scan alone would
-    tell P coordinates, whatever the nuisances are."""
+    """(T, P, P): were one of T configurations the truth, the inverse of the covariance with which the surfaces in the
+    scan alone would tell P coordinates, whatever the nuisances are but its camera's place."""
     problem, (count, size) = scan.problem, probed.steps.shape
     if not scan.hidden.any():
         return np.zeros((count, size, size))
-    free = np.flatnonzero(problem.nuisance_std)
+    unfixed = problem.nuisance_std.copy()
+    nuisances.split(unfixed, 1)[1][:] = 0.0
+    free = np.flatnonzero(unfixed)
     probes = PROBE / problem.nuisance_levers[free]
     offsets = np.zeros((len(free), len(problem.nuisance_std)))
     offsets[:, free] = np.diag(probes)
@@ -153,9 +177,7 @@ def hidden(scan: ExpectedScan, probed: Probed) -> Array:
         middles = poses.transform_points(parts, problem.mrf.centres)
         seen = told_of_parts(scan.camera, depth, number, shown, middles, problem.tolerance_end, noise, finer)
         told.append(distorted(seen, scan.camera, distortion, middles, radii))
-    offset_stds = nuisances.split(problem.nuisance_std, 1)[1][0]
-    view = loose_view(np.array(told), offset_stds, scan.camera, here)
-    return hidden_by_grain(problem.mrf, probed.parts, probed.steps, np.zeros_like(view.told), shape(problem), [view])
+    return hidden_by_grain(problem.mrf, probed.parts, probed.steps, np.array(told), shape(problem))
 
 
 def _sized(scan: ExpectedScan, probed: Probed, offsets: Array) -> Array:

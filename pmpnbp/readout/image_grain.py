@@ -8,7 +8,6 @@ before it are; so neighbouring joints are off in opposite senses, and its end is
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,23 +50,11 @@ Pixels = tuple[NDArray[np.int64], NDArray[np.int64]]
 NEIGHBOURS = np.array([(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1) if row or column])
 
 
-@dataclass(frozen=True, kw_only=True)
-class LooseView:
-    """What a view tells of whose camera it is not known where it is.
-
-    told : (T, N, 6, 6) of parts, were it known; offset_stds : (6,) of the camera's offset, 0 where that is fixed
-    parts : (T, 1 + 6, N, 7) as they seem to be, and with each coordinate of the offset moved by LITTLE
-    """
-
-    told: Array
-    offset_stds: Array
-    parts: Array
-
-
 def grain(problem: Problem, place: Held) -> Array:
     """(6 + D, 6 + D) covariance of a place's coordinates, by which it is hidden. Zero in what no image tells."""
     mrf = problem.mrf
     here = mrf.part_poses(place.root, place.joints)
+    size = 6 + len(place.joints)
     told, away, loose = np.zeros((mrf.nodes, 6, 6)), np.zeros((3, 3)), []
     scale_stds, offset_stds, _ = nuisances.split(problem.nuisance_std, len(problem.observation.views))
     middles = poses.transform_points(here, mrf.centres)
@@ -82,14 +69,14 @@ def grain(problem: Problem, place: Held) -> Array:
         in_view = told_of_parts(view.camera, depth, number, near, middles, problem.tolerance_end, float(noise[camera]))
         in_view = distorted(in_view, view.camera, view.distortion, middles, mrf.radii)
         if offset_stds[camera].any():
-            loose.append(loose_view(in_view[None], offset_stds[camera], view.camera, here[None]))
+            held = here[None, place.part], mrf.centres[place.part]
+            loose.append((in_view[None], unknown_camera(view.camera, offset_stds[camera], *held, size)))
         else:
             told += in_view
         # what seems smaller by its outlines seems farther off
         gap = middles.mean(axis=0) - np.asarray(view.camera.pose_world_camera)[:3]
         footprint = view.distance / view.camera.fx
         away += np.outer(gap, gap) * min(INWARD * footprint / reach, scale_stds[camera]) ** 2
-    size = 6 + len(place.joints)
     # a joint at its limit is moved beyond it: this is geometry alone
     parts = mrf.part_poses(*place.placed(LITTLE * np.concatenate([np.zeros((1, size)), np.eye(size)])))
     steps = np.full((1, size), LITTLE)
@@ -98,11 +85,22 @@ def grain(problem: Problem, place: Held) -> Array:
     return found
 
 
-def loose_view(told: Array, offset_stds: Array, camera: Camera, parts: Array) -> LooseView:
-    """What a camera tells, `told` (T, N, 6, 6) were its place known, of parts at (T, N, 7)."""
-    pose, offsets = np.asarray(camera.pose_world_camera, dtype=np.float64), LITTLE * np.eye(6)
-    moved = poses.multiply(nuisances.camera_motion(offsets, pose)[:, None], parts[:, None])
-    return LooseView(told=told, offset_stds=offset_stds, parts=np.concatenate([parts[:, None], moved], axis=1))
+def unknown_camera(camera: Camera, offset_stds: Array, pose_world_part: Array, centre: Array, size: int) -> Array:
+    """(..., P, P) covariance of P = `size` coordinates, of which the first six are translation and rotation vector of a
+    part at (..., 7) about its `centre` (3,) with all the rest, as a camera has them wrong whose offset, see
+    `potentials/nuisances.py`, has deviations (6,)."""
+    moved = nuisances.camera_motion(LITTLE * np.eye(6), np.asarray(camera.pose_world_camera, dtype=np.float64))
+    here = pose_world_part[..., None, :]
+    slopes = np.concatenate(poses.perturbation(here, poses.multiply(moved, here), centre), axis=-1) / LITTLE
+    found = np.zeros((*pose_world_part.shape[:-1], size, size))
+    found[..., :6, :6] = np.einsum("...ka,k,...kb->...ab", slopes, offset_stds**2, slopes)
+    return found
+
+
+def blunted(information: Array, covariance: Array) -> Array:
+    """Information (..., P, P) of a scan whose image hides the coordinates by a covariance (..., P, P) besides."""
+    left = np.linalg.solve(np.eye(information.shape[-1]) + information @ covariance, information)
+    return np.asarray(left, dtype=np.float64)
 
 
 def noise_apart(problem: Problem) -> Array:
@@ -234,52 +232,37 @@ def _gathered(
 
 
 def hidden_by_grain(
-    mrf: Mrf, parts: Array, steps: Array, told: Array, astray: Array, loose: Sequence[LooseView] = ()
+    mrf: Mrf, parts: Array, steps: Array, told: Array, astray: Array, loose: Sequence[tuple[Array, Array]] = ()
 ) -> Array:
     """(T, P, P) covariances of P coordinates: of the fit, by least squares, of the object to parts that are each off on
     their own.
 
     parts : (T, 1 + P, N, 7), as they are and with each coordinate moved by its step (T, P)
     told : (T, N, 6, 6) of each part's translation and rotation vector about its middle, as from `told_of_parts`
-    astray : (N,) metres by which each part is off besides; loose : further views, each of an unknown camera
+    astray : (N,) metres by which each part is off besides
+    loose : the same of further views, each with the covariance (T, P, P) of what its `unknown_camera` has wrong
     """
-    slopes, reaches = _slopes(mrf, parts, steps)
+    shifts, turns = poses.perturbation(parts[:, :1], parts[:, 1:], mrf.centres)
+    slopes = np.concatenate([shifts, turns], axis=-1) / steps[:, :, None, None]
+    reaches = np.sqrt((shifts**2).sum(axis=-1) + ((mrf.radii[:, None] * turns) ** 2).sum(axis=-1)).max(axis=-1) / steps
     # what moves nothing, or only by rounding
     levers: Array = np.where(reaches > 1e-6, reaches, 1.0)
-    slopes = slopes / levers[:, :, None, None]
-    seen = _together(slopes, _off_besides(mrf, told, astray), slopes)
-    for view in loose:
-        free, its_told = np.flatnonzero(view.offset_stds), _off_besides(mrf, view.told, astray)
-        moves, _ = _slopes(mrf, view.parts, np.full((len(parts), 6), LITTLE))
-        moves = moves[:, free]
-        shared, own = _together(slopes, its_told, moves), _together(moves, its_told, moves)
-        own = own + np.diag(view.offset_stds[free] ** -2.0)
-        seen = seen + _together(slopes, its_told, slopes) - shared @ np.linalg.solve(own, np.swapaxes(shared, 1, 2))
+    slopes, squared = slopes / levers[:, :, None, None], levers[:, :, None] * levers[:, None, :]
+    seen = _of_coordinates(mrf, slopes, told, astray)
+    for in_view, unknown in loose:
+        seen = seen + blunted(_of_coordinates(mrf, slopes, in_view, astray), squared * unknown)
     values, axes = np.linalg.eigh((seen + np.swapaxes(seen, 1, 2)) / 2)
     variances = np.where(values > UNTOLD**-2.0, 1 / np.maximum(values, UNTOLD**-2.0), 0.0)
-    found = np.einsum("tpk,tk,tqk->tpq", axes, variances, axes)
-    scaled: Array = found / (levers[:, :, None] * levers[:, None, :])
-    return scaled
+    found: Array = np.einsum("tpk,tk,tqk->tpq", axes, variances, axes) / squared
+    return found
 
 
-def _off_besides(mrf: Mrf, told: Array, astray: Array) -> Array:
-    """(T, N, 6, 6) what is left of what is told of parts that are each off by `astray` (N,) metres besides."""
+def _of_coordinates(mrf: Mrf, slopes: Array, told: Array, astray: Array) -> Array:
+    """(T, P, P) information of P coordinates by whose slopes (T, P, N, 6) parts are moved of which is `told`."""
     own = np.zeros((mrf.nodes, 6))
     own[:, :3] = (astray**2 + (WHOLE * mrf.radii) ** 2)[:, None]
     # of points along a line as far as the radius to both sides, turned, as much in the mean square
     own[:, 3:] = 3 * own[:, :3] / np.maximum(mrf.radii[:, None], LITTLE) ** 2
-    return np.asarray(np.linalg.solve(np.eye(6) + told * own[:, None, :], told), dtype=np.float64)
-
-
-def _slopes(mrf: Mrf, parts: Array, steps: Array) -> tuple[Array, Array]:
-    """(T, P, N, 6) translations and rotation vectors of parts about their middles for one unit of P coordinates, and
-    (T, P) metres that one of them moves the most."""
-    shifts, turns = poses.perturbation(parts[:, :1], parts[:, 1:], mrf.centres)
-    reaches = np.sqrt((shifts**2).sum(axis=-1) + ((mrf.radii[:, None] * turns) ** 2).sum(axis=-1)).max(axis=-1) / steps
-    return np.concatenate([shifts, turns], axis=-1) / steps[:, :, None, None], reaches
-
-
-def _together(one: Array, told: Array, other: Array) -> Array:
-    """(T, P, Q) of slopes (T, P, N, 6) and (T, Q, N, 6)."""
-    found: Array = np.einsum("tpna,tnab,tqnb->tpq", one, told, other, optimize=True)
+    told = np.asarray(np.linalg.solve(np.eye(6) + told * own[:, None, :], told), dtype=np.float64)
+    found: Array = np.einsum("tpna,tnab,tqnb->tpq", slopes, told, slopes, optimize=True)
     return found

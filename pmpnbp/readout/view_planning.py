@@ -22,7 +22,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.log_weights import normalise
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import moved
-from pmpnbp.readout.expected_scan import PROBE, Probed, blocking_points, expected_scan, hidden, information, told_apart
+from pmpnbp.readout.expected_scan import PROBE, Probed, blocking_points, expected_scan, told_about, told_apart
 from pmpnbp.readout.held_part import Held
 from pmpnbp.readout.mixture import coordinate_levers
 from pmpnbp.readout.posterior import Posterior
@@ -108,7 +108,7 @@ def ranked(
     found = []
     for view in views:
         scan = expected_scan(problem, _camera(view.pose), middle, blocking)
-        told = blunted(information(scan, probed), hidden(scan, probed))
+        told = told_about(scan, probed)
         after = left(told_apart(scan, parts), np.linalg.inv(np.linalg.inv(around_some) + told))
         variances = np.minimum(_diagonal(after), _diagonal(before))[:, : len(links)]
         gain, beyond = (_fall(before, after, least) for least in (max_std, LEAST))
@@ -137,12 +137,6 @@ def _places(problem: Problem, roots: Array, joints: Array, links: Sequence[int])
     nodes = [part_of[model.links[link]] for link in links]
     middles = poses.transform_points(parts[:, nodes], problem.mrf.centres[nodes])
     return np.concatenate([model.link_poses(parts, joints)[:, list(links), :3], middles], axis=1)
-
-
-def blunted(information: Array, covariance: Array) -> Array:
-    """Information (..., P, P) of a scan whose image hides the coordinates by a covariance (..., P, P) besides."""
-    left = np.linalg.solve(np.eye(information.shape[-1]) + information @ covariance, information)
-    return np.asarray(left, dtype=np.float64)
 
 
 def _mixed(weights: Array, places: Array) -> Array:

@@ -14,7 +14,7 @@ from pmpnbp.potentials.surfaces import prepare_surfaces
 from pmpnbp.potentials.unary import PixelScore, object_scores, render, unary_scores
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.observation import OBJECT, Observation
-from pmpnbp.settings import Settings
+from pmpnbp.settings import Settings, preset
 from tests.inference import small_worlds as worlds
 from tests.potentials import posed_parts as parts
 
@@ -140,4 +140,7 @@ def test_names_levers_and_priors_go_with_the_values() -> None:
     assert told["camera/0/x"] == (1.0, 0.0) and told["camera/0/rz"] == (1.5, 0.0)
     assert told["camera/1/z"] == (1.0, 0.02) and told["camera/1/rx"] == (2.0, 0.01)
     assert told["size/x"] == (0.3, 0.03) and told["size/z"] == (0.2, 0.03)
-    assert not nuisances.prior_stds(Settings(), levers, VIEWS).any()
+    # by default further cameras' offsets alone are free, and in the paper's preset none is
+    by_default = dict(zip(names, nuisances.prior_stds(Settings(), levers, VIEWS), strict=True))
+    assert {name for name, std in by_default.items() if std} == {f"camera/1/{axis}" for axis in nuisances.CAMERA_AXES}
+    assert not nuisances.prior_stds(preset("paper"), levers, VIEWS).any()

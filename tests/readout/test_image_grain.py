@@ -33,6 +33,7 @@ from pmpnbp.readout.image_grain import (
     outlines,
     shape,
     told_of_parts,
+    unknown_camera,
 )
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.depth_noise import SHARED
@@ -224,6 +225,47 @@ def test_the_end_of_a_chain_is_known_as_well_as_its_beginning() -> None:
     # as joints that were each off on their own would not leave it
     alone = np.sqrt(np.einsum("pna,p,pna->n", slopes, np.diag(found), slopes))
     assert alone[-1] / alone[0] > 3
+
+
+def test_a_camera_whose_place_is_not_known_tells_as_much_as_least_squares_over_its_offset(
+    rng: np.random.Generator,
+) -> None:
+    """Of a chain that two cameras see, the second one off by an offset with a prior, which is a parameter there."""
+    model = OBJECTS["chain"]
+    mrf, nodes = fields.build(model), len(model.parts)
+    root = worlds.at(0.3, -0.2, 0.1, *rng.uniform(-1, 1, 3))
+    parts, steps = moved_parts(model, root, rng.uniform(model.lower, model.upper))
+    stds, camera = np.array([0.004, 0.006, 0.005, 0.003, 0.002, 0.004]), worlds.camera_at((0.1, 0.2, 1.2), root[:3])
+    first, second = some_told(rng, nodes), some_told(rng, nodes)
+    unknown = unknown_camera(camera, stds, root[None], mrf.centres[0], parts.shape[1] - 1)
+    (found,) = hidden_by_grain(mrf, parts, steps, first[None], np.zeros(nodes), [(second[None], unknown)])
+    size = parts.shape[1] - 1
+    expected = np.zeros((size + 6, size + 6))
+    expected[size:, size:] = np.diag(stds**-2)
+    pose = np.asarray(camera.pose_world_camera)
+    for node, radius in enumerate(mrf.radii):
+        here, columns = parts[0, 0, node], []
+        for number in range(size + 6):
+            if number < size:
+                there = parts[0, 1 + number, node]
+            else:
+                # the true camera stands off: what it sees seems to be moved the other way
+                offset = STEP * (np.arange(6) == number - size)
+                stands = np.concatenate([offset[:3], poses.from_rotation_vector(offset[3:])])
+                seen = poses.multiply(poses.inverse(poses.multiply(pose, stands)), here)
+                there = poses.multiply(pose, seen)
+            shift = poses.transform_points(there, mrf.centres[node]) - poses.transform_points(here, mrf.centres[node])
+            turn = poses.to_rotation_vector(poses.quaternion_multiply(there[3:], poses.quaternion_conjugate(here[3:])))
+            columns.append(np.concatenate([shift, turn]) / STEP)
+        design = np.array(columns).T
+        besides = (WHOLE * radius) ** 2 * np.diag([1.0, 1.0, 1.0, *[3 / radius**2] * 3])
+        for told, slopes in ((first, design * (np.arange(size + 6) < size)), (second, design)):
+            expected += slopes.T @ np.linalg.inv(np.linalg.inv(told[node]) + besides) @ slopes
+    covariance = np.linalg.inv(expected)[:size, :size]
+    scale = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(found / np.outer(scale, scale), covariance / np.outer(scale, scale), atol=1e-3)
+    (sharp,) = hidden_by_grain(mrf, parts, steps, (first + second)[None], np.zeros(nodes))
+    assert np.all(np.diag(found)[:3] > 1.05 * np.diag(sharp)[:3])
 
 
 def test_many_pixels_tell_more_but_not_without_end(rng: np.random.Generator) -> None:

@@ -13,10 +13,11 @@ from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.fit import Fit
+from pmpnbp.readout.image_grain import blunted
 from pmpnbp.readout.mixture import of_estimate
 from pmpnbp.readout.object_posterior import ModeDraws, mode_draws
 from pmpnbp.readout.posterior import ObjectMode, Posterior
-from pmpnbp.readout.view_planning import PlannedView, around, blunted, looking_at, ranked
+from pmpnbp.readout.view_planning import PlannedView, around, looking_at, ranked
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds

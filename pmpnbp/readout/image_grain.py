@@ -55,7 +55,7 @@ def grain(problem: Problem, place: Held) -> Array:
     mrf = problem.mrf
     here = mrf.part_poses(place.root, place.joints)
     size = 6 + len(place.joints)
-    told, away, loose = np.zeros((mrf.nodes, 6, 6)), np.zeros((3, 3)), []
+    told, away, loose = np.zeros((mrf.nodes, 6, 6)), [np.zeros((3, 3))], []
     scale_stds, offset_stds, _ = nuisances.split(problem.nuisance_std, len(problem.observation.views))
     middles = poses.transform_points(here, mrf.centres)
     noise = noise_apart(problem)
@@ -71,17 +71,17 @@ def grain(problem: Problem, place: Held) -> Array:
         if offset_stds[camera].any():
             held = here[None, place.part], mrf.centres[place.part]
             loose.append((in_view[None], unknown_camera(view.camera, offset_stds[camera], *held, size)))
-        else:
-            told += in_view
+            continue
+        told += in_view
         # what seems smaller by its outlines seems farther off
         gap = middles.mean(axis=0) - np.asarray(view.camera.pose_world_camera)[:3]
         footprint = view.distance / view.camera.fx
-        away += np.outer(gap, gap) * min(INWARD * footprint / reach, scale_stds[camera]) ** 2
+        away.append(np.outer(gap, gap) * min(INWARD * footprint / reach, scale_stds[camera]) ** 2)
     # a joint at its limit is moved beyond it: this is geometry alone
     parts = mrf.part_poses(*place.placed(LITTLE * np.concatenate([np.zeros((1, size)), np.eye(size)])))
     steps = np.full((1, size), LITTLE)
     (found,) = hidden_by_grain(mrf, parts[None], steps, told[None], shape(problem), loose)
-    found[:3, :3] += away / max(len(problem.observation.views), 1) ** 2
+    found[:3, :3] += sum(away) / max(len(away) - 1, 1) ** 2
     return found
 
 

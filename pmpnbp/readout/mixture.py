@@ -40,8 +40,9 @@ from pmpnbp.readout.posterior import Centre, ObjectMode, Posterior
 
 # Modes are told at most, and what weighs less than this is none.
 MODES, LEAST_WEIGHT = 6, 1e-4
-# Draws that are more nats better than the place they were drawn about are drawn about the best of them, so many times.
-SURPASSED, MOVES = 15.0, 6
+# Draws that are more nats better than the place they were drawn about are drawn about the best of them, so many times;
+# where nuisances are free, which the place does not take over, they may be better by those alone.
+SURPASSED, SURPASSED_BY_NUISANCES, MOVES = 15.0, 45.0, 6
 
 
 def read_out(problem: Problem, report: IterationReport, checkpoint: Checkpoint = go_on) -> Posterior | None:
@@ -115,9 +116,10 @@ def _drawn_about(
     """The mode about a configuration (7,), (D,), or about a much better one that its draws find; None where that is one
     of the known."""
     moved, least = False, [least_reach(problem)] * len(known)
+    surpassed = SURPASSED_BY_NUISANCES if problem.nuisance_std.any() else SURPASSED
     for left in range(MOVES, -1, -1):
-        draws = mode_draws(rng, problem, root, joints, checkpoint, SURPASSED if left else np.inf)
-        if draws.gain <= SURPASSED or not left:
+        draws = mode_draws(rng, problem, root, joints, checkpoint, surpassed if left else np.inf)
+        if draws.gain <= surpassed or not left:
             break
         plan, best = problem.schedule(report.iteration), (draws.best_root[None], draws.best_joints[None])
         roots, others, _ = polish(rng, problem, *best, plan, problem.tolerance_end, 1)

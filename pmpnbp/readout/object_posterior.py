@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.problem import Problem
+from pmpnbp.potentials.nuisances import split
 from pmpnbp.readout.chain_bends import bends, bent_otherwise
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.first_proposal import LOOSE, Elsewhere, curvature_information, joints_elsewhere, measured_covariance
@@ -105,8 +106,9 @@ def mode_draws(
     elsewhere = joints_elsewhere(problem, about, here, np.diag(information)[6 : 6 + model.dof] ** -0.5)
     lower, upper = _limits(problem, joints, len(free))
     first = Proposal(np.zeros(size), covariance, lower, upper, elsewhere.grids)
-    # nuisances go far together with the root, and proposals are long in following them
-    power = MOST_POWER if len(free) else min(MOST_POWER, POWER * size)
+    # scales and sizes go far together with the root, and proposals are long in following them; cameras do not
+    scales, _, sizes = split(problem.nuisance_std, len(problem.observation.views))
+    power = MOST_POWER if scales.any() or sizes.any() else min(MOST_POWER, POWER * (6 + model.dof))
     counts = (FIRST, *[max(LEAST, size * min(size, EACH))] * (ROUNDS - 1))
     least = SETTLED * size * (size + 1) // 2
     drawn = adaptive_importance(

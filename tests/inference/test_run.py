@@ -161,7 +161,8 @@ def test_a_part_without_geometry_is_carried_by_its_neighbours() -> None:
 
 
 def test_two_views_see_what_one_does_not() -> None:
-    """A drawer on the far side: hidden from the one camera, found with a second one behind."""
+    """A drawer on the far side: hidden from the one camera, found with a second one behind. Of a guess both hidden
+    parts are within 2 cm about one time in twenty, of four guesses all in 1 of 100,000."""
     root, joints = worlds.at(1.4, 0.1, 0.0, yaw=0.2), np.array([0.2, 0.6])
     truth = MODEL.part_poses(root, joints)
     front = worlds.seen(MODEL, root, joints)
@@ -171,12 +172,13 @@ def test_two_views_see_what_one_does_not() -> None:
     scans.append(worlds.scan(MODEL, truth, behind))
     both = observe(scans, front.roi, up=worlds.UP)
     assert len(both.views) == 2
-    error = {
-        name: errors_of(MODEL, last(quick(MODEL, seen, root, particles=150), 24).map_poses, truth)
-        for name, seen in (("one", front), ("two", both))
-    }
-    assert error["one"][1:].max() > 0.02
-    assert error["two"].max() < 0.01
+
+    def worst(seen: Observation, seed: int) -> float:
+        made = replace(quick(MODEL, seen, root, particles=150), seed=seed)
+        return float(errors_of(MODEL, last(made, 24).map_poses, truth).max())
+
+    assert max(worst(front, seed) for seed in range(4)) > 0.02
+    assert max(worst(both, seed) for seed in range(2)) < 0.01
 
 
 def test_the_score_of_two_views_is_the_sum_of_theirs() -> None:

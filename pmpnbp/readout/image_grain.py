@@ -22,6 +22,7 @@ from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import renders
 from pmpnbp.readout.held_part import LITTLE, Held, shown
 from pmpnbp.scene.depth_noise import told_noise
+from pmpnbp.scene.flying_pixels import NEIGHBOURS
 
 # Standard deviations: an outline's pixel is off across it by EDGE pixels; a surface's depth by FACE of what a pixel
 # measures there and by NOISY of the depths' own deviations, as neighbours err together, by steps of depth, the mesh and
@@ -47,7 +48,6 @@ GRAZING = 0.17
 UNTOLD = 0.02
 # Rows and columns of pixels.
 Pixels = tuple[NDArray[np.int64], NDArray[np.int64]]
-NEIGHBOURS = np.array([(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1) if row or column])
 
 
 def grain(problem: Problem, place: Held) -> Array:

@@ -12,6 +12,7 @@ from scipy import ndimage
 # Neighbours are apart where their inverse depths differ by more, 1 / metres: a centimetre at a metre, nine at three,
 # more than noise and steep surfaces do. What flies has fewer neighbours that are not.
 APART, HELD = 0.01, 2
+# Rows and columns to the eight pixels around one.
 NEIGHBOURS = np.array([(row, column) for row in (-1, 0, 1) for column in (-1, 0, 1) if row or column])
 
 

@@ -99,6 +99,9 @@ def serve(config: ServerConfig, level: int, opened: Callable[[FastAPI, ServerCon
     with many_modules():
         from app.server import close_all, create_app, open_all  # seconds of imports: bad settings are said before
 
+    # What is first imported on a full disk would be kept in half, and fail from then on: Python 3.11 does not look
+    # whether all of it was written
+    sys.dont_write_bytecode = True
     app = create_app(config)
     keep_for_good()
     # uvicorn raises the signal that stopped it once more when it is done, by then for this handler

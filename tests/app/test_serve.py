@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import importlib
+import logging
 import os
 import re
 import signal
@@ -24,6 +26,7 @@ from pydantic import Field, TypeAdapter
 
 from app import server
 from app.commands.serve import link, quiet_libraries
+from app.commands.serve import serve as serve_until_stopped
 from app.routes.start_page import MEDIA_TYPES, STATIC
 from app.server_config import ServerConfig, config_from, default_data_dir, environment_name
 from pmpnbp.errors import SettingError
@@ -67,6 +70,26 @@ def test_who_comes_as_it_stops_is_turned_away(
     monkeypatch.setattr(server, "end_streams", and_somebody_comes)
     served.stop()
     assert not caplog.records, caplog.text
+
+
+def test_what_is_imported_while_it_serves_is_not_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A disk may be full by then, and half of a module be kept."""
+
+    class Open(Exception):
+        """It would serve from here on."""
+
+    def opened(*_: Any) -> Any:
+        module = tmp_path / "imported_late.py"
+        module.write_text("", encoding="utf-8")
+        monkeypatch.syspath_prepend(tmp_path)
+        importlib.import_module(module.stem)
+        raise Open
+
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    with pytest.raises(Open):
+        serve_until_stopped(ServerConfig(port=0, data_dir=tmp_path / "data"), logging.WARNING, opened)
+    assert not list(tmp_path.rglob("*.pyc"))
 
 
 def test_what_the_framework_hides_of_its_own_calls_is_hidden_whatever_another_thread_restores() -> None:

@@ -26,6 +26,7 @@ from pmpnbp.potentials.unary import render, renders
 from pmpnbp.readout.image_grain import (
     blunted,
     distorted,
+    distorted_as_one,
     hidden_by_grain,
     noise_apart,
     shape,
@@ -171,13 +172,15 @@ def hidden(scan: ExpectedScan, probed: Probed) -> Array:
     problem, here, finer = scan.problem, probed.parts[:, 0], float(np.sqrt(scan.share))
     told, noise = [], float(noise_apart(problem)[0])
     radii, distortion = problem.mrf.radii, problem.observation.views[0].distortion
-    for parts, maps in zip(here, _seen(scan, here, np.zeros(len(problem.nuisance_std))), strict=True):
+    every = poses.transform_points(here, problem.mrf.centres)
+    for middles, maps in zip(every, _seen(scan, here, np.zeros(len(problem.nuisance_std))), strict=True):
         depth, number = render(scan.camera, problem.surfaces, maps)
         shown = (depth > 0) & (depth <= scan.hidden.reshape(depth.shape))
-        middles = poses.transform_points(parts, problem.mrf.centres)
         seen = told_of_parts(scan.camera, depth, number, shown, middles, problem.tolerance_end, noise, finer)
         told.append(distorted(seen, scan.camera, distortion, middles, radii))
-    return hidden_by_grain(problem.mrf, probed.parts, probed.steps, np.array(told), shape(problem))
+    unknown = distorted_as_one(scan.camera, distortion, every, radii, 0, probed.steps.shape[1])
+    loose = [(np.array(told), unknown)]
+    return hidden_by_grain(problem.mrf, probed.parts, probed.steps, np.zeros_like(told), shape(problem), loose)
 
 
 def _sized(scan: ExpectedScan, probed: Probed, offsets: Array) -> Array:

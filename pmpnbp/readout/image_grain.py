@@ -32,9 +32,9 @@ EDGE, FACE, NOISY, INWARD = 0.5, 0.3, 1.25, 0.065
 # A part as a whole is off by so much of its radius, however many pixels tell of it, and where sizes are free by so much
 # more of what they may be: sizes along three axes are not all that may be wrong of a model.
 WHOLE, SHAPE = 0.0003, 0.04
-# A part is off by so many times the smooth error of depth that the scan's flat surfaces show
-# (`scene/depth_distortion.py`): that of it which is flat itself they do not.
-DISTORTED = 1.5
+# A part is off on its own, and the object as one, by so many times the smooth error of depth that the scan's flat
+# surfaces show (`scene/depth_distortion.py`): that of it which is flat itself they do not.
+DISTORTED, AS_ONE = 1.25, 0.6
 # Beside an outline is what lies behind it by more than so many tolerances: up to that, what is seen there may confirm
 # either. A surface that falls away so steeply counts, too: without it coverage is the same, and next views are chosen
 # less well.
@@ -59,7 +59,7 @@ def grain(problem: Problem, place: Held) -> Array:
     scale_stds, offset_stds, _ = nuisances.split(problem.nuisance_std, len(problem.observation.views))
     middles = poses.transform_points(here, mrf.centres)
     noise = noise_apart(problem)
-    reach = float((np.linalg.norm(middles - middles.mean(axis=0), axis=1) + mrf.radii).max())
+    middle, reach = _middle_and_reach(middles, mrf.radii)
     for camera, (view, _, depth, number) in enumerate(
         renders(problem.observation, problem.surfaces, here, problem.nuisances)
     ):
@@ -68,13 +68,18 @@ def grain(problem: Problem, place: Held) -> Array:
         near = shown(problem, view, depth)
         in_view = told_of_parts(view.camera, depth, number, near, middles, problem.tolerance_end, float(noise[camera]))
         in_view = distorted(in_view, view.camera, view.distortion, middles, mrf.radii)
+        unknown = distorted_as_one(view.camera, view.distortion, middles[None], mrf.radii, place.part, size)
         if offset_stds[camera].any():
             held = here[None, place.part], mrf.centres[place.part]
-            loose.append((in_view[None], unknown_camera(view.camera, offset_stds[camera], *held, size)))
+            unknown = unknown + unknown_camera(view.camera, offset_stds[camera], *held, size)
+        if unknown.any():
+            loose.append((in_view[None], unknown))
+        else:
+            told += in_view
+        if offset_stds[camera].any():
             continue
-        told += in_view
         # what seems smaller by its outlines seems farther off
-        gap = middles.mean(axis=0) - np.asarray(view.camera.pose_world_camera)[:3]
+        gap = middle - np.asarray(view.camera.pose_world_camera)[:3]
         footprint = view.distance / view.camera.fx
         away.append(np.outer(gap, gap) * min(INWARD * footprint / reach, scale_stds[camera]) ** 2)
     # a joint at its limit is moved beyond it: this is geometry alone
@@ -148,16 +153,46 @@ def distorted(told: Array, camera: Camera, distortion: float, middles: Array, ra
 
     distortion : the deviation of these, as a share of the depth; middles : (N, 3) in world; radii : (N,) metres
     """
+    return blunted(told, smooth_errors(camera, DISTORTED * distortion, middles, radii)) if distortion else told
+
+
+def distorted_as_one(camera: Camera, distortion: float, middles: Array, radii: Array, held: int, size: int) -> Array:
+    """(..., P, P) covariance of P = `size` coordinates, of which the first six are translation and rotation vector of
+    the part `held` about its middle with all the rest, as smooth errors of depths move and tilt the object as one.
+
+    distortion, radii : as for `distorted`; middles : (..., N, 3) in world
+    """
+    found = np.zeros((*middles.shape[:-2], size, size))
     if not distortion:
-        return told
+        return found
+    middle, reach = _middle_and_reach(middles, radii)
+    lever = np.tile(np.eye(6), (*middle.shape[:-1], 1, 1))
+    # what turns about the object's middle moves the part's
+    lever[..., :3, 3:] = np.swapaxes(np.cross(np.eye(3), (middles[..., held, :] - middle)[..., None, :]), -1, -2)
+    found[..., :6, :6] = lever @ smooth_errors(camera, AS_ONE * distortion, middle, reach) @ np.swapaxes(lever, -1, -2)
+    return found
+
+
+def smooth_errors(camera: Camera, deviation: float, middles: Array, radii: Array) -> Array:
+    """(..., 6, 6) covariance of translation and rotation vector, about its middle (..., 3) in world, of what is as
+    large as a radius (...,): along the line of sight, and tilted by as much at its rim.
+
+    deviation : as a share of the depth
+    """
     away = middles - np.asarray(camera.pose_world_camera)[:3]
-    distance = np.linalg.norm(away, axis=1)
-    sight = np.einsum("ni,nj->nij", away, away) / distance[:, None, None] ** 2
-    off = (DISTORTED * distortion * distance)[:, None, None]
-    own = np.zeros_like(told)
-    own[:, :3, :3] = off**2 * sight
-    own[:, 3:, 3:] = (off / np.maximum(radii, LITTLE)[:, None, None]) ** 2 * (np.eye(3) - sight)
-    return np.asarray(np.linalg.solve(np.eye(6) + told @ own, told), dtype=np.float64)
+    distance = np.linalg.norm(away, axis=-1)
+    sight = away[..., :, None] * away[..., None, :] / distance[..., None, None] ** 2
+    found, off = np.zeros((*distance.shape, 6, 6)), (deviation * distance)[..., None, None]
+    found[..., :3, :3] = off**2 * sight
+    found[..., 3:, 3:] = (off / np.maximum(radii, LITTLE)[..., None, None]) ** 2 * (np.eye(3) - sight)
+    return found
+
+
+def _middle_and_reach(middles: Array, radii: Array) -> tuple[Array, Array]:
+    """The middle (..., 3) of an object whose parts' are (..., N, 3), and how far its parts, of radii (N,), reach from
+    it (...,)."""
+    middle = middles.mean(axis=-2)
+    return middle, (np.linalg.norm(middles - middle[..., None, :], axis=-1) + radii).max(axis=-1)
 
 
 def outlines(depth: NDArray[np.float32], shown: NDArray[np.bool_], tolerance: float) -> tuple[Pixels, Array]:
@@ -240,7 +275,7 @@ def hidden_by_grain(
     parts : (T, 1 + P, N, 7), as they are and with each coordinate moved by its step (T, P)
     told : (T, N, 6, 6) of each part's translation and rotation vector about its middle, as from `told_of_parts`
     astray : (N,) metres by which each part is off besides
-    loose : the same of further views, each with the covariance (T, P, P) of what its `unknown_camera` has wrong
+    loose : the same of views that have the object wrong as one, each with the covariance (T, P, P) of that
     """
     shifts, turns = poses.perturbation(parts[:, :1], parts[:, 1:], mrf.centres)
     slopes = np.concatenate([shifts, turns], axis=-1) / steps[:, :, None, None]

@@ -14,6 +14,7 @@ from pmpnbp.inference import problem as problems
 from pmpnbp.inference import registration
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature, moved
+from pmpnbp.readout import image_grain
 from pmpnbp.readout.expected_scan import GRAZING, PROBE, Probed, expected_scan, information, told_about, told_apart
 from pmpnbp.readout.log_posterior import confidence, log_posterior
 from pmpnbp.scene.prior import UniformPrior
@@ -96,6 +97,21 @@ def test_what_the_further_camera_has_wrong_is_not_told() -> None:
     assert np.sqrt(np.diag(sharp)[:3]).max() < 0.002
     assert np.sqrt(np.diag(stated)[:3]).min() > 0.009
     np.testing.assert_allclose(np.diag(stated)[6:], np.diag(sharp)[6:], rtol=0.2)
+
+
+def test_what_smooth_errors_of_depth_have_wrong_of_the_object_as_one_is_not_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    problem = made(camera())
+    (view,) = problem.observation.views
+    wavy = replace(problem, observation=replace(problem.observation, views=(replace(view, distortion=0.003),)))
+    left = np.linalg.inv(told(wavy, camera(), grain=True))
+    middles = poses.transform_points(problem.mrf.part_poses(ROOT, JOINTS), problem.mrf.centres)
+    as_one = image_grain.distorted_as_one(camera(), 0.003, middles, problem.mrf.radii, 0, len(left))
+    monkeypatch.setattr(image_grain, "AS_ONE", 0.0)
+    more = left - np.linalg.inv(told(wavy, camera(), grain=True))
+    # outlines are told less sharply for it, too
+    assert np.linalg.eigvalsh(more - as_one).min() > -1e-6 * as_one.max()
 
 
 def test_an_object_of_unknown_size_is_told_less_sharply(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,6 +18,7 @@ from pmpnbp.potentials.unary import render
 from pmpnbp.readout import image_grain
 from pmpnbp.readout.held_part import Held
 from pmpnbp.readout.image_grain import (
+    AS_ONE,
     DISTORTED,
     EDGE,
     FACE,
@@ -27,6 +28,7 @@ from pmpnbp.readout.image_grain import (
     UNTOLD,
     WHOLE,
     distorted,
+    distorted_as_one,
     facing,
     grain,
     hidden_by_grain,
@@ -348,18 +350,45 @@ def test_what_is_told_of_a_part_and_its_own_smooth_error_add_up(rng: np.random.G
     assert distorted(told, camera, 0.0, middles, radii) is told
 
 
-def test_smooth_errors_of_depth_let_the_object_be_nearer_or_farther() -> None:
+def test_smooth_errors_move_and_tilt_the_object_as_one(rng: np.random.Generator) -> None:
+    """Drawn: the object is moved along the line of sight and tilted about its middle, one part's pose is looked at."""
+    camera, radii = worlds.camera_at((0.0, 0.0, 0.7), (1.0, 0.0, 0.2)), np.array([0.1, 0.2, 0.15])
+    middles = np.array([[1.0, 0.2, 0.3], [2.0, 0.0, 0.1], [1.5, -1.0, 0.0]])
+    middle = middles.mean(axis=0)
+    reach = max(np.linalg.norm(middles - middle, axis=1) + radii)
+    sight = middle - [0.0, 0.0, 0.7]
+    off, (across, up) = AS_ONE * 0.002 * np.linalg.norm(sight), np.linalg.svd(sight[None])[2][1:]
+    amounts = off * rng.standard_normal((100_000, 3))
+    turns = (amounts[:, 1:2] * across + amounts[:, 2:] * up) / reach
+    shifts = amounts[:, :1] * sight / np.linalg.norm(sight) + np.cross(turns, middles[1] - middle)
+    drawn = np.cov(np.concatenate([shifts, turns], axis=1).T)
+    found = distorted_as_one(camera, 0.002, np.array([middles, middles + 0.1]), radii, 1, 8)
+    assert found.shape == (2, 8, 8) and not found[:, 6:].any() and not found[:, :, 6:].any()
+    # six standard deviations of a covariance's estimate: a false alarm in 10^7 runs
+    scale = np.sqrt(np.diag(drawn))
+    np.testing.assert_allclose(found[0, :6, :6] / np.outer(scale, scale), drawn / np.outer(scale, scale), atol=0.03)
+    assert not distorted_as_one(camera, 0.0, middles, radii, 1, 8).any()
+
+
+def test_smooth_errors_of_depth_let_the_object_be_nearer_or_farther(monkeypatch: pytest.MonkeyPatch) -> None:
     made, root, joints = looked_at((0.0, 0.0, 0.7))
     (view,) = made.observation.views
     wavy = replace(made, observation=replace(made.observation, views=(replace(view, distortion=0.003),)))
     still, moved = grained(made, root, joints), grained(wavy, root, joints)
     sight = poses.transform_points(made.mrf.part_poses(root, joints), made.mrf.centres)[0] - [0.0, 0.0, 0.7]
-    off, along = DISTORTED * 0.003 * np.linalg.norm(sight), sight / np.linalg.norm(sight)
+    along, as_one = sight / np.linalg.norm(sight), AS_ONE * 0.003 * np.linalg.norm(sight)
+    off = np.hypot(DISTORTED * 0.003 * np.linalg.norm(sight), as_one)
     # by where outlines are they tell of its distance, too
     assert 2 * np.sqrt(along @ still[:3, :3] @ along) < np.sqrt(along @ moved[:3, :3] @ along) < off
+    # across it is moved only as the object is tilted as one
     across = np.cross(along, [0.0, 0.0, 1.0])
-    assert np.sqrt(across @ moved[:3, :3] @ across) < 1.5 * np.sqrt(across @ still[:3, :3] @ across)
+    assert np.sqrt(across @ moved[:3, :3] @ across) < as_one
     assert 2 * np.sqrt(still[6, 6]) < np.sqrt(moved[6, 6]) < 2 * off
+    # of one view what is wrong of the object as one comes on top
+    middles = poses.transform_points(made.mrf.part_poses(root, joints), made.mrf.centres)
+    expected = distorted_as_one(view.camera, 0.003, middles, made.mrf.radii, 0, len(moved))
+    monkeypatch.setattr(image_grain, "AS_ONE", 0.0)
+    np.testing.assert_allclose(moved - grained(wavy, root, joints), expected, atol=1e-6 * expected.max())
 
 
 def test_a_free_depth_scale_lets_the_object_be_nearer_or_farther() -> None:

@@ -179,8 +179,7 @@ def hidden(scan: ExpectedScan, probed: Probed) -> Array:
         seen = told_of_parts(scan.camera, depth, number, shown, middles, problem.tolerance_end, noise, finer)
         told.append(distorted(seen, scan.camera, distortion, middles, radii))
     unknown = distorted_as_one(scan.camera, distortion, every, radii, 0, probed.steps.shape[1])
-    loose = [(np.array(told), unknown)]
-    return hidden_by_grain(problem.mrf, probed.parts, probed.steps, np.zeros_like(told), shape(problem), loose)
+    return hidden_by_grain(problem.mrf, probed.parts, probed.steps, [(np.array(told), unknown)], shape(problem))
 
 
 def _sized(scan: ExpectedScan, probed: Probed, offsets: Array) -> Array:

@@ -72,20 +72,20 @@ def grain(problem: Problem, place: Held) -> Array:
         if offset_stds[camera].any():
             held = here[None, place.part], mrf.centres[place.part]
             unknown = unknown + unknown_camera(view.camera, offset_stds[camera], *held, size)
+        else:
+            # what seems smaller by its outlines seems farther off
+            gap = middle - np.asarray(view.camera.pose_world_camera)[:3]
+            footprint = view.distance / view.camera.fx
+            away.append(np.outer(gap, gap) * min(INWARD * footprint / reach, scale_stds[camera]) ** 2)
         if unknown.any():
             loose.append((in_view[None], unknown))
         else:
             told += in_view
-        if offset_stds[camera].any():
-            continue
-        # what seems smaller by its outlines seems farther off
-        gap = middle - np.asarray(view.camera.pose_world_camera)[:3]
-        footprint = view.distance / view.camera.fx
-        away.append(np.outer(gap, gap) * min(INWARD * footprint / reach, scale_stds[camera]) ** 2)
     # a joint at its limit is moved beyond it: this is geometry alone
     parts = mrf.part_poses(*place.placed(LITTLE * np.concatenate([np.zeros((1, size)), np.eye(size)])))
     steps = np.full((1, size), LITTLE)
-    (found,) = hidden_by_grain(mrf, parts[None], steps, told[None], shape(problem), loose)
+    seen = [(told[None], np.zeros((1, size, size))), *loose]
+    (found,) = hidden_by_grain(mrf, parts[None], steps, seen, shape(problem))
     found[:3, :3] += sum(away) / max(len(away) - 1, 1) ** 2
     return found
 
@@ -266,16 +266,14 @@ def _gathered(
     return np.array([part.T @ part for part in parts])
 
 
-def hidden_by_grain(
-    mrf: Mrf, parts: Array, steps: Array, told: Array, astray: Array, loose: Sequence[tuple[Array, Array]] = ()
-) -> Array:
+def hidden_by_grain(mrf: Mrf, parts: Array, steps: Array, views: Sequence[tuple[Array, Array]], astray: Array) -> Array:
     """(T, P, P) covariances of P coordinates: of the fit, by least squares, of the object to parts that are each off on
     their own.
 
     parts : (T, 1 + P, N, 7), as they are and with each coordinate moved by its step (T, P)
-    told : (T, N, 6, 6) of each part's translation and rotation vector about its middle, as from `told_of_parts`
-    astray : (N,) metres by which each part is off besides
-    loose : the same of views that have the object wrong as one, each with the covariance (T, P, P) of that
+    views : of each what it tells, (T, N, 6, 6), of each part's translation and rotation vector about its middle, as
+        from `told_of_parts`, and the covariance (T, P, P) by which it has the object wrong as one
+    astray : (N,) metres by which each part is off besides, in each view on its own
     """
     shifts, turns = poses.perturbation(parts[:, :1], parts[:, 1:], mrf.centres)
     slopes = np.concatenate([shifts, turns], axis=-1) / steps[:, :, None, None]
@@ -283,9 +281,9 @@ def hidden_by_grain(
     # what moves nothing, or only by rounding
     levers: Array = np.where(reaches > 1e-6, reaches, 1.0)
     slopes, squared = slopes / levers[:, :, None, None], levers[:, :, None] * levers[:, None, :]
-    seen = _of_coordinates(mrf, slopes, told, astray)
-    for in_view, unknown in loose:
-        seen = seen + blunted(_of_coordinates(mrf, slopes, in_view, astray), squared * unknown)
+    seen = np.sum(
+        [blunted(_of_coordinates(mrf, slopes, told, astray), squared * unknown) for told, unknown in views], axis=0
+    )
     values, axes = np.linalg.eigh((seen + np.swapaxes(seen, 1, 2)) / 2)
     variances = np.where(values > UNTOLD**-2.0, 1 / np.maximum(values, UNTOLD**-2.0), 0.0)
     found: Array = np.einsum("tpk,tk,tqk->tpq", axes, variances, axes) / squared

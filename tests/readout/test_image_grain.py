@@ -185,6 +185,11 @@ def some_told(rng: np.random.Generator, nodes: int) -> Array:
     return np.einsum("nri,nrj->nij", rows, rows)
 
 
+def by_one_view(told: Array, steps: Array) -> list[tuple[Array, Array]]:
+    """What is `told` (N, 6, 6), by a view that has nothing wrong of the object as one."""
+    return [(told[None], np.zeros((1, steps.shape[1], steps.shape[1])))]
+
+
 @pytest.mark.parametrize("name", OBJECTS)
 def test_it_is_the_covariance_of_a_fit_to_parts_that_are_off(name: str, rng: np.random.Generator) -> None:
     model = OBJECTS[name]
@@ -203,7 +208,7 @@ def test_it_is_the_covariance_of_a_fit_to_parts_that_are_off(name: str, rng: np.
         designs.append(np.array(columns).T)
         besides = (own**2 + (WHOLE * radius) ** 2) * np.array([1.0, 1.0, 1.0, *[3 / radius**2] * 3])
         weights.append(np.linalg.inv(np.linalg.inv(told[node]) + np.diag(besides)))
-    (found,) = hidden_by_grain(mrf, parts, steps, told[None], astray)
+    (found,) = hidden_by_grain(mrf, parts, steps, by_one_view(told, steps), astray)
     expected = np.linalg.inv(sum(d.T @ w @ d for d, w in zip(designs, weights, strict=True)))
     scale = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-4)
@@ -217,8 +222,8 @@ def test_the_end_of_a_chain_is_known_as_well_as_its_beginning() -> None:
     model = OBJECTS["chain"]
     mrf, nodes = fields.build(model), len(model.parts)
     parts, steps = moved_parts(model, worlds.at(), np.full(model.dof, 0.2))
-    told = np.tile(np.diag([1e6] * 3 + [1e6 * mrf.radii[0] ** 2 / 3] * 3), (1, nodes, 1, 1))
-    (found,) = hidden_by_grain(mrf, parts, steps, told, np.zeros(nodes))
+    told = np.tile(np.diag([1e6] * 3 + [1e6 * mrf.radii[0] ** 2 / 3] * 3), (nodes, 1, 1))
+    (found,) = hidden_by_grain(mrf, parts, steps, by_one_view(told, steps), np.zeros(nodes))
     slopes = (
         poses.transform_points(parts[0, 1:], mrf.centres) - poses.transform_points(parts[0, 0], mrf.centres)
     ) / STEP
@@ -240,7 +245,8 @@ def test_a_camera_whose_place_is_not_known_tells_as_much_as_least_squares_over_i
     stds, camera = np.array([0.004, 0.006, 0.005, 0.003, 0.002, 0.004]), worlds.camera_at((0.1, 0.2, 1.2), root[:3])
     first, second = some_told(rng, nodes), some_told(rng, nodes)
     unknown = unknown_camera(camera, stds, root[None], mrf.centres[0], parts.shape[1] - 1)
-    (found,) = hidden_by_grain(mrf, parts, steps, first[None], np.zeros(nodes), [(second[None], unknown)])
+    known = by_one_view(first, steps)
+    (found,) = hidden_by_grain(mrf, parts, steps, [*known, (second[None], unknown)], np.zeros(nodes))
     size = parts.shape[1] - 1
     expected = np.zeros((size + 6, size + 6))
     expected[size:, size:] = np.diag(stds**-2)
@@ -266,7 +272,7 @@ def test_a_camera_whose_place_is_not_known_tells_as_much_as_least_squares_over_i
     covariance = np.linalg.inv(expected)[:size, :size]
     scale = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(found / np.outer(scale, scale), covariance / np.outer(scale, scale), atol=1e-3)
-    (sharp,) = hidden_by_grain(mrf, parts, steps, first[None], np.zeros(nodes), [(second[None], 0 * unknown)])
+    (sharp,) = hidden_by_grain(mrf, parts, steps, [*known, *by_one_view(second, steps)], np.zeros(nodes))
     assert np.all(np.diag(found)[:3] > 1.05 * np.diag(sharp)[:3])
 
 
@@ -277,7 +283,7 @@ def test_many_pixels_tell_more_but_not_without_end(rng: np.random.Generator) -> 
     parts, steps = moved_parts(model, worlds.at(), np.zeros(0))
     told, astray = some_told(rng, 1), np.array([0.002])
     stds = [
-        np.sqrt(np.diag(hidden_by_grain(mrf, parts, steps, share * told[None], astray)[0])[:3])
+        np.sqrt(np.diag(hidden_by_grain(mrf, parts, steps, by_one_view(share * told, steps), astray)[0])[:3])
         for share in (1.0, 4.0, 1e9)
     ]
     assert np.all(stds[0] > stds[1]) and np.all(stds[1] > stds[2])

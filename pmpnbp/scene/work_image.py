@@ -1,5 +1,5 @@
 """At which size is a scan looked at? Its region of interest with a margin, because the free space around an object is
-evidence too, in pixels each of which has the depth that most of a block of the scan's have.
+evidence too, in pixels each of which has the depth that most of a block of the scan's have, told for its middle.
 
 The pixels are turned against the scan's, by no angle that a whole number of them makes. Edges of furniture are upright
 and level, and so are they in most pictures: along a row of pixels all of an edge's would be on the same side of it, and
@@ -19,6 +19,8 @@ from pmpnbp.geometry.camera import Camera
 from pmpnbp.scene.observation import Scan
 
 Number = TypeVar("Number", bound=np.generic)
+# Of each pixel how far it is to the right and down of something, (P,) each, in blocks.
+Aside = tuple[NDArray[np.floating], NDArray[np.floating]]
 
 # Radians, of which the tangent is the square of the golden section's smaller part: multiples of it are spread as evenly
 # over a pixel as can be.
@@ -31,6 +33,8 @@ ONE_SURFACE, DEVIATIONS = 0.0075, 2.5
 # Measurements that differ from their median by more, in inverse depth, 1 / metres, are of no one surface: a centimetre
 # at a metre, nine at three.
 NO_SURFACE = 0.01
+# Square of how far apart, in blocks, pixels are that tell no slope: across a row of them there is none to see.
+LEVEL = 0.003
 
 
 @dataclass(frozen=True)
@@ -65,8 +69,10 @@ def _turned(scan: Scan, wanted: NDArray[np.bool_], factor: int, margin: int) -> 
     # where the scan's pixels are in the turned image, whose axis is its pixel (0, 0)
     x = focal * (np.arange(camera.width) - camera.cx) / camera.fx
     y = focal * (np.arange(camera.height) - camera.cy) / camera.fy
-    v, u = np.nonzero(wanted)
-    ends = turn @ np.stack([x[u], y[v]])
+    # along a row the first and the last go farthest
+    rows = np.flatnonzero(wanted.any(axis=1))
+    both = np.array([wanted[rows].argmax(axis=1), camera.width - 1 - wanted[rows, ::-1].argmax(axis=1)])
+    ends = turn @ np.stack([x[both].ravel(), np.tile(y[rows], 2)])
     left, top = np.rint(ends.min(axis=1)).astype(int) - margin
     right, bottom = np.rint(ends.max(axis=1)).astype(int) + margin
     w, h = int(right - left) + 1, int(bottom - top) + 1
@@ -75,23 +81,32 @@ def _turned(scan: Scan, wanted: NDArray[np.bool_], factor: int, margin: int) -> 
     across, down = (
         slice(*np.searchsorted(line, [own.min() - 1, own.max() + 1])) for line, own in zip((x, y), corners, strict=True)
     )
-    column = np.rint(turn[0, 0] * x[across] + turn[0, 1] * y[down, None]).astype(np.int32) - left
-    row = np.rint(turn[1, 0] * x[across] + turn[1, 1] * y[down, None]).astype(np.int32) - top
-    held = (column >= 0) & (column < w) & (row >= 0) & (row < h)
-    depth = block_depths(scan.depth[down, across][held], (row * w + column)[held], w * h, factor * factor)
+    at = [(one * x[across] + other * y[down, None]).astype(np.float32) for one, other in turn]
+    column, row = (np.rint(own).astype(np.int32) for own in at)
+    held = np.flatnonzero((column >= left) & (column <= right) & (row >= top) & (row <= bottom))
+    column, row = column.ravel()[held], row.ravel()[held]
+    aside = at[0].ravel()[held] - column, at[1].ravel()[held] - row
+    block = (row - top) * w + column - left
+    depth = block_depths(scan.depth[down, across].ravel()[held], block, w * h, factor * factor, aside)
     about = np.concatenate([np.zeros(3), poses.from_rotation_vector(np.array([0.0, 0.0, TURN]))])
     pose = poses.multiply(np.asarray(camera.pose_world_camera, dtype=np.float64), about)
     return WorkImage(Camera(w, h, focal, focal, float(-left), float(-top), pose), depth.reshape(h, w), TURN)
 
 
-def block_depths(depth: NDArray[np.float32], block: NDArray[np.integer], blocks: int, size: int) -> NDArray[np.float32]:
-    """(blocks,) metres: of depths (P,), the mean of those in a block that are of one surface with their median, where
-    at least half of its pixels were measured, of which there are half of `size` at least; else 0.
+def block_depths(
+    depth: NDArray[np.float32], block: NDArray[np.integer], blocks: int, size: int, aside: Aside
+) -> NDArray[np.float32]:
+    """(blocks,) metres: of depths (P,), where the plane through those in a block that are of one surface with their
+    median is in its middle, where at least half of its pixels were measured, of which there are half of `size` at
+    least; else 0.
 
-    block : (P,) that each pixel is in. Of two in the middle the median is their mean where they are of one surface;
-    else it would put points where nothing is, between an object's edge and what is behind it, and is the lower in every
-    second block: always the lower would make all things larger by a part of a pixel. The median alone would have steps
-    where the sensor's depths have: noise that is wider than a step tells, in the mean, what lies between.
+    block : (P,) that each pixel is in; aside : from its block's middle. At an object's edge the pixels are on one side
+    of it, and their mean with them: surfaces that fall away would look less steep than they are.
+
+    Of two in the middle the median is their mean where they are of one surface; else it would put points where nothing
+    is, between an object's edge and what is behind it, and is the lower in every second block: always the lower would
+    make all things larger by a part of a pixel. The median alone would have steps where the sensor's depths have: noise
+    that is wider than a step tells, in the mean, what lies between.
     """
     measured = depth > 0
     block, pixels = block[measured], np.bincount(block, minlength=blocks)
@@ -100,7 +115,8 @@ def block_depths(depth: NDArray[np.float32], block: NDArray[np.integer], blocks:
         return np.zeros(blocks, dtype=np.float32)
     # positive floats are ordered as their bits are
     keys = block.astype(np.uint64) << np.uint64(32) | own.view(np.uint32)
-    keys.sort()
+    # rows of pixels are in order but for what is turned, which a stable sort is quicker with
+    keys.sort(kind="stable")
     ordered = (keys & np.uint64(0xFFFFFFFF)).astype(np.uint32).view(np.float32)
     count = np.bincount(block, minlength=blocks)
     first, last = np.cumsum(count) - count, len(ordered) - 1
@@ -110,9 +126,28 @@ def block_depths(depth: NDArray[np.float32], block: NDArray[np.integer], blocks:
     middle = np.where(upper - lower < reach, (lower + upper) / 2, one_of_both)
     gap = own - middle[block]
     near = np.abs(gap) < reach[block]
-    beside = _means(gap, block, near, blocks)
+    kept = np.flatnonzero(measured)[near]
+    beside = _in_the_middle(gap[near], block[near], (aside[0][kept], aside[1][kept]), blocks)
     enough = (count > 0) & (2 * count >= pixels) & (2 * pixels >= size)
     return np.where(enough, middle + beside, 0.0).astype(np.float32)
+
+
+def _in_the_middle(
+    values: NDArray[np.floating], block: NDArray[np.integer], aside: Aside, blocks: int
+) -> NDArray[np.float64]:
+    """(blocks,): what the plane through `values` (P,) of pixels, `aside` from the middle of their `block` (P,), has
+    there, by least squares; of pixels too near to each other their mean; 0 where there are none."""
+    count = np.maximum(np.bincount(block, minlength=blocks), 1)
+
+    def mean(some: NDArray[np.floating]) -> NDArray[np.float64]:
+        return np.bincount(block, some, minlength=blocks) / count
+
+    x, y = aside
+    right, down, middle = mean(x), mean(y), mean(values)
+    xx, yy, xy = mean(x * x) - right**2 + LEVEL, mean(y * y) - down**2 + LEVEL, mean(x * y) - right * down
+    xv, yv = mean(x * values) - right * middle, mean(y * values) - down * middle
+    slope = (yy * xv - xy * yv) * right + (xx * yv - xy * xv) * down
+    return np.asarray(middle - slope / (xx * yy - xy**2), dtype=np.float64)
 
 
 def _deviation(own: NDArray[np.float32], middle: NDArray[np.float32], block: NDArray[np.integer]) -> float:

@@ -9,6 +9,7 @@ tell its place no better than one of them does. Across turned rows they tell it 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -57,20 +58,20 @@ def work_image(scan: Scan, wanted: NDArray[np.bool_], width: int, margin: int) -
     height, breadth = int(rows[-1] - rows[0]) + 1, int(columns[-1] - columns[0]) + 1
     factor = -(-max(height, breadth) // (width - 2 * margin))
     if factor > 1 and min(height, breadth) >= STRIP * factor:
-        return _turned(scan, wanted, factor, margin)
+        return _turned(scan, wanted, rows, factor, margin)
     first, left = max(int(rows[0]) - margin, 0), max(int(columns[0]) - margin, 0)
     depth = scan.depth[first : int(rows[-1]) + 1 + margin, left : int(columns[-1]) + 1 + margin].astype(np.float32)
     return WorkImage(scan.camera.binned(left, first, 1, depth.shape[1], depth.shape[0]), depth, 0.0)
 
 
-def _turned(scan: Scan, wanted: NDArray[np.bool_], factor: int, margin: int) -> WorkImage:
+def _turned(scan: Scan, wanted: NDArray[np.bool_], rows: NDArray[np.int64], factor: int, margin: int) -> WorkImage:
+    """The image of what is `wanted` (height, width), which is in `rows` (R,) only, in blocks of `factor` pixels."""
     camera, focal = scan.camera, float(np.sqrt(scan.camera.fx * scan.camera.fy)) / factor
     turn = np.array([[np.cos(TURN), np.sin(TURN)], [-np.sin(TURN), np.cos(TURN)]])
     # where the scan's pixels are in the turned image, whose axis is its pixel (0, 0)
     x = focal * (np.arange(camera.width) - camera.cx) / camera.fx
     y = focal * (np.arange(camera.height) - camera.cy) / camera.fy
     # along a row the first and the last go farthest
-    rows = np.flatnonzero(wanted.any(axis=1))
     both = np.array([wanted[rows].argmax(axis=1), camera.width - 1 - wanted[rows, ::-1].argmax(axis=1)])
     ends = turn @ np.stack([x[both].ravel(), np.tile(y[rows], 2)])
     left, top = np.rint(ends.min(axis=1)).astype(int) - margin
@@ -96,12 +97,12 @@ def _turned(scan: Scan, wanted: NDArray[np.bool_], factor: int, margin: int) -> 
 def block_depths(
     depth: NDArray[np.float32], block: NDArray[np.integer], blocks: int, size: int, aside: Aside
 ) -> NDArray[np.float32]:
-    """(blocks,) metres: of depths (P,), where the plane through those in a block that are of one surface with their
-    median is in its middle, where at least half of its pixels were measured, of which there are half of `size` at
+    """(blocks,) metres: the depth, in a block's middle, of the plane through those of its depths (P,) that are of one
+    surface with their median, where at least half of its pixels were measured, of which there are half of `size` at
     least; else 0.
 
-    block : (P,) that each pixel is in; aside : from its block's middle. At an object's edge the pixels are on one side
-    of it, and their mean with them: surfaces that fall away would look less steep than they are.
+    block : (P,) that each pixel is in; aside : of the pixel from its block's middle. At an object's edge the pixels are
+    on one side of the middle, and so is their mean: by that a surface would look less steep than it is.
 
     Of two in the middle the median is their mean where they are of one surface; else it would put points where nothing
     is, between an object's edge and what is behind it, and is the lower in every second block: always the lower would
@@ -115,7 +116,7 @@ def block_depths(
         return np.zeros(blocks, dtype=np.float32)
     # positive floats are ordered as their bits are
     keys = block.astype(np.uint64) << np.uint64(32) | own.view(np.uint32)
-    # rows of pixels are in order but for what is turned, which a stable sort is quicker with
+    # a row's pixels come in the order of their blocks, which a stable sort is quicker by
     keys.sort(kind="stable")
     ordered = (keys & np.uint64(0xFFFFFFFF)).astype(np.uint32).view(np.float32)
     count = np.bincount(block, minlength=blocks)
@@ -137,11 +138,7 @@ def _in_the_middle(
 ) -> NDArray[np.float64]:
     """(blocks,): what the plane through `values` (P,) of pixels, `aside` from the middle of their `block` (P,), has
     there, by least squares; of pixels too near to each other their mean; 0 where there are none."""
-    count = np.maximum(np.bincount(block, minlength=blocks), 1)
-
-    def mean(some: NDArray[np.floating]) -> NDArray[np.float64]:
-        return np.bincount(block, some, minlength=blocks) / count
-
+    mean = partial(_means, block=block, blocks=blocks)
     x, y = aside
     right, down, middle = mean(x), mean(y), mean(values)
     xx, yy, xy = mean(x * x) - right**2 + LEVEL, mean(y * y) - down**2 + LEVEL, mean(x * y) - right * down
@@ -156,16 +153,14 @@ def _deviation(own: NDArray[np.float32], middle: NDArray[np.float32], block: NDA
     own : (P,) metres, measured; middle : (blocks,) metres, 0 where nothing was; block : (P,) that each is in
     """
     gap = (own - middle[block]) / middle[block] ** 2
-    squares = _means(gap**2, block, np.abs(gap) < NO_SURFACE, len(middle))
+    chosen = np.abs(gap) < NO_SURFACE
+    squares = _means(gap[chosen] ** 2, block[chosen], len(middle))
     return float(np.sqrt(np.median(squares[middle > 0])))
 
 
-def _means(
-    values: NDArray[np.floating], block: NDArray[np.integer], chosen: NDArray[np.bool_], blocks: int
-) -> NDArray[np.float64]:
-    """(blocks,): of the chosen ones of `values` (P,), 0 where there are none."""
-    count = np.bincount(block[chosen], minlength=blocks)
-    return np.bincount(block[chosen], values[chosen], minlength=blocks) / np.maximum(count, 1)
+def _means(values: NDArray[np.floating], block: NDArray[np.integer], blocks: int) -> NDArray[np.float64]:
+    """(blocks,): of `values` (P,) in each `block` (P,), 0 where there are none."""
+    return np.bincount(block, values, minlength=blocks) / np.maximum(np.bincount(block, minlength=blocks), 1)
 
 
 def turned_back(image: NDArray[Number], turn: float, camera: Camera) -> NDArray[Number]:

@@ -8,7 +8,8 @@ let declared = {}; // the members of a view's state, as a JSON schema
 let queued = {};
 let sent = null; // on its way
 let closeEvents = null;
-let revision = 0; // of the newest answer or event that was applied
+let newest = {}; // answer or event
+let revision = 0; // of it
 
 const path = () => `${sessionPath(state.id)}/views/${state.viewId}`;
 
@@ -86,9 +87,10 @@ async function send() {
 
 // What the server says holds, but for what it has not been told yet.
 function applyAnswer(view) {
-  if (view.revision < revision) return; // an event overtook the answer on its way
-  revision = view.revision ?? revision;
-  const known = { ...view };
+  // where an event has overtaken the answer, it holds from now on in what was on its way, too
+  if (!(view.revision < revision)) newest = view;
+  revision = newest.revision ?? revision;
+  const known = { ...newest };
   for (const name of Object.keys({ ...sent, ...queued })) delete known[name];
   Object.assign(state.view, known);
   notify("view");

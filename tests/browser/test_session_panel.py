@@ -84,16 +84,18 @@ def test_a_particle_chosen_by_a_program_is_explained(page: Page, served: Served,
 
 
 def test_an_answer_that_an_event_overtook_changes_nothing(page: Page, served: Served, session: str) -> None:
+    """The event holds, also in what the page had on its way itself: whether it is hidden."""
     opened(page, served, session)
     name = (page.locator("#scene").get_attribute("src") or "").split("/")[4]
     seen = page.get_by_role("heading", name="drawer3, particle 7")
+    other = {"part": "drawer3", "particle": 7, "hidden": True}
     held: list[Route] = []
 
     def hold(route: Route) -> None:
         """Keep the answer to the page's own change back until the page has heard of a later one."""
         answer = route.fetch()
         if not held:
-            served.client.patch(f"{session}/views/{name}", json={"part": "drawer3", "particle": 7}).raise_for_status()
+            served.client.patch(f"{session}/views/{name}", json=other).raise_for_status()
             expect(seen).to_be_visible()
             held.append(route)
         route.fulfill(response=answer)
@@ -103,6 +105,9 @@ def test_an_answer_that_an_event_overtook_changes_nothing(page: Page, served: Se
     wait(page, lambda: bool(held))
     page.wait_for_timeout(300)
     expect(seen).to_be_visible()
+    own = "performance.getEntriesByType('resource').find(({ name }) => name.endsWith('/session/state.js')).name"
+    shown = page.evaluate(f"import({own}).then(({{ state }}) => state.view)")
+    assert {member: shown[member] for member in other} == other
     assert view(page, served)["particle"] == 7
 
 

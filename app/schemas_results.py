@@ -8,6 +8,7 @@ from pydantic import BaseModel, Field, computed_field
 
 from app.schemas import Certain, FitOrNull, FitReason, NumberOrAxes, State
 from pmpnbp.inference.arrival import ScanMode
+from pmpnbp.readout.posterior import Doubt
 from pmpnbp.readout.snapshot import Phase, phase_of
 
 Covariance = Annotated[
@@ -66,6 +67,11 @@ class LinkEstimate(BaseModel):
         "also where no surface moves with it"
     )
     certain: Certain
+    doubts: list[Doubt] | None = Field(
+        description="why it is not certain: the fit is not good, too few draws count, the scan sees through its part, "
+        "or one that it hangs on, a std_xyz or expected_add is above max_std, another mode has it elsewhere, or it may "
+        "be turned; null where there is no posterior"
+    )
     visible_fraction: float | None = Field(
         description="share of its surface towards the camera that was seen, 0 to 1; null where no surface moves with it"
     )

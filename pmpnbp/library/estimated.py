@@ -33,6 +33,8 @@ class LinkEstimate:
         posterior, expected_add also for a link without surface
     certain : whether the fit is good, no other mode has it elsewhere, no deviation is larger than `max_std`, and what
         is longer than 10 cm is not turned, by more than 2° for each 2.5 mm of that
+    doubts : why it is not certain, of "fit", "draws", "denied", "std_xyz", "expected_add", "elsewhere" and "turned";
+        None as long as there is no posterior
     visible_fraction : 0 to 1, log_likelihood : natural logarithm; None for a link without surface
     modes : the posterior's hypotheses, heaviest first
     particle_std_xyz : (3,), particle_modes : the spread and hypotheses of the algorithm's particles; no uncertainty
@@ -44,6 +46,7 @@ class LinkEstimate:
     std_xyz: Array | None
     expected_add: float | None
     certain: bool
+    doubts: tuple[str, ...] | None
     visible_fraction: float | None
     log_likelihood: float | None
     modes: tuple[Mode, ...]
@@ -128,6 +131,7 @@ def link_of(name: str, entry: Mapping[str, Any]) -> LinkEstimate:
         std_xyz=_array(entry["std_xyz"]),
         expected_add=entry.get("expected_add"),
         certain=entry["certain"],
+        doubts=None if entry.get("doubts") is None else tuple(entry["doubts"]),
         visible_fraction=entry["visible_fraction"],
         log_likelihood=entry["log_likelihood"],
         modes=_modes(entry["modes"]),

@@ -18,7 +18,7 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.readout import particle_statistics
 from pmpnbp.readout.placement import Placement, Standing, place
-from pmpnbp.readout.posterior import Posterior, Spread
+from pmpnbp.readout.posterior import Doubt, Posterior, Spread
 from pmpnbp.scene.articulated_object import Joint, parts_of_links, rows_of_parts
 from pmpnbp.settings import SessionOptions
 
@@ -41,7 +41,7 @@ class LinkEstimate:
     covariance : (6, 6) of the posterior about it, see `particle_statistics.covariance`; expected_add : metres, the mean
         distance over the surface (eq. 12) that the posterior expects; both None where there is no posterior,
         expected_add also without a surface
-    certain : see `posterior.Spread.certain`
+    doubts : why it is not certain, see `posterior.Spread.doubts`; None where there is no posterior
     visible_fraction : 0 to 1, log_likelihood : natural log of the unary potential; both of its part at the estimate,
         and None where it is in no part that has a surface
     modes : the posterior's hypotheses, heaviest first; none where there is no posterior
@@ -53,12 +53,17 @@ class LinkEstimate:
     pose: Array
     covariance: Array | None
     expected_add: float | None
-    certain: bool
+    doubts: tuple[Doubt, ...] | None
     visible_fraction: float | None
     log_likelihood: float | None
     modes: tuple[ModeEstimate, ...]
     particle_std_xyz: Array
     particle_modes: tuple[ModeEstimate, ...]
+
+    @property
+    def certain(self) -> bool:
+        """Whether there is a posterior and no doubt."""
+        return self.doubts == ()
 
     @property
     def std_xyz(self) -> Array | None:
@@ -182,7 +187,7 @@ def estimate(
     model, belief, observation, stands = problem.mrf.model, report.belief, problem.observation, placed.standing
     part_poses, fractions, likelihoods = stands.part_poses, stands.visible_fractions, stands.log_likelihoods
     particle_modes = _particle_modes(problem, belief, placed)
-    posterior, told, certain = placed.posterior, placed.spread, placed.certain(max_std)
+    posterior, told, doubts = placed.posterior, placed.spread, placed.doubts(max_std)
     reached_from = parts_of_links(model)
     with_surface = {link for part in model.parts if part.visible for link in part.links}
     links = []
@@ -195,7 +200,7 @@ def estimate(
                 pose=placed.link_poses[row],
                 covariance=None if told is None else told.covariances[row],
                 expected_add=None if told is None else _number(told.expected_add[row]),
-                certain=bool(certain[row]),
+                doubts=None if told is None else tuple(why for why, of in doubts.items() if of[row]),
                 visible_fraction=float(fractions[part]) if name in with_surface else None,
                 log_likelihood=float(likelihoods[part]) if name in with_surface else None,
                 modes=tuple(ModeEstimate(*mode) for mode in stands.hypotheses[row]),

@@ -19,7 +19,7 @@ from pmpnbp.inference.tree_estimate import agreeing
 from pmpnbp.potentials import unary
 from pmpnbp.readout import particle_statistics
 from pmpnbp.readout.object_posterior import nuisance_stds
-from pmpnbp.readout.posterior import Posterior, Spread, link_modes, spread
+from pmpnbp.readout.posterior import Doubt, Posterior, Spread, link_modes, spread
 from pmpnbp.readout.unknown import unknown
 from pmpnbp.scene.articulated_object import rows_of_parts
 
@@ -155,6 +155,12 @@ class Placement:
         if self.posterior is None or self.spread is None:
             return np.zeros(len(self.link_poses), dtype=bool)
         return self.spread.certain(self.posterior, max_std)
+
+    def doubts(self, max_std: float) -> dict[Doubt, NDArray[np.bool_]]:
+        """(L,) each: why links are not certain, see `posterior.Spread.doubts`; nothing where there is no posterior."""
+        if self.posterior is None or self.spread is None:
+            return {}
+        return self.spread.doubts(self.posterior, max_std)
 
     @property
     def particle_std_xyz(self) -> Array:

@@ -5,6 +5,7 @@ estimate. `mixture` makes it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,8 @@ DOUBT = 0.01
 LONG, TURNED, TURN = 0.10, 0.15, 400 * np.radians(2.0)
 # The central share of a joint's interval.
 CENTRAL = 0.9
+# Why a link is not certain, see `Spread.doubts`, in the order in which it is told.
+Doubt = Literal["fit", "draws", "denied", "std_xyz", "expected_add", "elsewhere", "turned"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,11 +107,6 @@ class Posterior:
         """Numbers of the parts that are not to be believed where they were found."""
         return [node for node, part in enumerate(model.parts) if part.name in self.fit.denied]
 
-    @property
-    def told(self) -> bool:
-        """Whether it can be built on: what should be seen is seen, and enough draws count."""
-        return self.fit.verdict == "good" and self.effective_sample_size >= FEWEST_DRAWS
-
 
 def even_draws(log_weights: Array, count: int) -> NDArray[np.int64]:
     """As `Posterior.even_draws`, of draws with the weights (K,)."""
@@ -138,17 +136,27 @@ class Spread:
     denied: NDArray[np.bool_]
     turns: Array
 
-    def certain(self, posterior: Posterior, max_std: float) -> NDArray[np.bool_]:
-        """(L,): whether the fit is good, the link's part not denied, no mode of more than 1 % has it elsewhere, no
-        element of its `std_xyz`, nor its `expected_add`, is above `max_std`, metres, and it is not turned: see LONG."""
+    def doubts(self, posterior: Posterior, max_std: float) -> dict[Doubt, NDArray[np.bool_]]:
+        """(L,) each, whether for this reason a link is not certain. fit : what should be seen is not; draws : too few
+        count; denied : its part, or one that it hangs on; std_xyz, expected_add : an element is above `max_std`,
+        metres; elsewhere : a mode of more than 1 % has it there; turned : see LONG"""
         std = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2)[:, :3]).max(axis=1)
         rivals = np.array([mode.weight > DOUBT for mode in posterior.modes])
         # the mode that is told is not elsewhere; how far it is from where it is told to be counts as spread
         rivals[np.argmin(self.moved.max(axis=1))] = False
-        elsewhere = np.any(rivals[:, None] & (self.moved > max_std), axis=0)
-        narrow = (std <= max_std) & ~(self.expected_add > max_std) & ~self.turned(max_std)
-        found: NDArray[np.bool_] = posterior.told & narrow & ~elsewhere & ~self.denied
-        return found
+        return {
+            "fit": np.full(len(std), posterior.fit.verdict != "good"),
+            "draws": np.full(len(std), posterior.effective_sample_size < FEWEST_DRAWS),
+            "denied": self.denied,
+            "std_xyz": ~(std <= max_std),
+            "expected_add": self.expected_add > max_std,
+            "elsewhere": np.any(rivals[:, None] & (self.moved > max_std), axis=0),
+            "turned": self.turned(max_std),
+        }
+
+    def certain(self, posterior: Posterior, max_std: float) -> NDArray[np.bool_]:
+        """(L,): of which links there is no doubt."""
+        return ~np.any(list(self.doubts(posterior, max_std).values()), axis=0)
 
     def turned(self, max_std: float) -> NDArray[np.bool_]:
         """(L,): which links may be turned by more than goes with `max_std`, metres: see LONG."""

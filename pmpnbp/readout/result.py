@@ -23,6 +23,7 @@ def to_result(found: Estimate, truth: Mapping[str, Any] | None = None) -> dict[s
             "std_xyz": None if link.std_xyz is None else link.std_xyz.tolist(),
             "expected_add": link.expected_add,
             "certain": link.certain,
+            "doubts": None if link.doubts is None else list(link.doubts),
             "visible_fraction": link.visible_fraction,
             "log_likelihood": link.log_likelihood,
             "modes": [_mode_members(mode) for mode in link.modes],

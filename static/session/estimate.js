@@ -58,7 +58,7 @@ function showPart(row, part) {
   setText(more, others.length ? `+${others.length}` : "");
   more.title = others.length ? `moves with ${others.join(", ")}` : "";
   const [, std, visible, sure] = row.children;
-  setContent(std, stdGauge(widest.std_xyz, estimate.max_std));
+  setContent(std, stdGauge(widest.std_xyz, estimate.max_std, !doubted));
   // what the standard deviation does not tell: how far off the whole part is expected to be
   std.title = off === null ? "" : `expected to be off by ${fineCentimetres(off)} (ADD)`;
   setText(visible, percent(links[0].visible_fraction));

@@ -6,15 +6,15 @@ import { fineCentimetres, jointEnds, largest } from "./format.js";
 // Of a standard deviation's bar, the share that is up to the limit; the rest is for what is over it.
 const TO_LIMIT = 0.75;
 
-// The posterior's largest standard deviation against the limit, metres.
-export function stdGauge(stds, limit) {
+// The posterior's largest standard deviation against the limit, metres, of what is certain or not.
+export function stdGauge(stds, limit, certain) {
   const std = largest(stds);
   if (std === null) return "–";
   const share = limit > 0 ? std / limit : Infinity;
   const bar = { "--share": Math.min(1, share * TO_LIMIT), "--limit": TO_LIMIT };
   return [
     `±${fineCentimetres(std)}`,
-    h("span", { class: "gauge", "data-over": String(share > 1), css: bar, "aria-hidden": "true" }),
+    h("span", { class: "gauge", "data-certain": String(certain), css: bar, "aria-hidden": "true" }),
   ];
 }
 

@@ -94,6 +94,7 @@ def checked(result: dict[str, Any], method: str = "pmpnbp") -> None:
             "std_xyz",
             "expected_add",
             "certain",
+            "doubts",
             "visible_fraction",
             "log_likelihood",
             "modes",
@@ -104,18 +105,16 @@ def checked(result: dict[str, Any], method: str = "pmpnbp") -> None:
         assert told == (link["covariance"] is not None) == (link["std_xyz"] is not None)
         if told:
             checked_covariance(link["covariance"])
-            within = max(*link["std_xyz"], link["expected_add"]) <= result["max_std"]
-            assert within or not link["certain"]
-            assert (
-                link["certain"]
-                or result["fit"] != "good"
-                or result["effective_draws"] < 20
-                or not within
-                or (len(link["modes"]) > 1)
-            )
+            assert link["certain"] == (link["doubts"] == [])
+            assert ("fit" in link["doubts"]) == (result["fit"] != "good")
+            assert ("draws" in link["doubts"]) == (result["effective_draws"] < 20)
+            assert ("std_xyz" in link["doubts"]) == (max(link["std_xyz"]) > result["max_std"])
+            assert ("expected_add" in link["doubts"]) == (link["expected_add"] > result["max_std"])
+            assert "elsewhere" not in link["doubts"] or len(link["modes"]) > 1
             assert sum(mode["weight"] for mode in link["modes"]) == pytest.approx(1.0)
         else:
-            assert not link["certain"] and link["modes"] == [] and link["expected_add"] is None
+            assert not link["certain"] and link["doubts"] is None
+            assert link["modes"] == [] and link["expected_add"] is None
         assert 0 <= link["visible_fraction"] <= 1
         assert 1 <= len(link["particle_modes"]) <= 5
         assert sum(mode["weight"] for mode in link["particle_modes"]) <= 1 + 1e-9

@@ -179,13 +179,12 @@ def test_a_standard_deviation_stands_against_its_limit(
             told = row.locator("td").nth(0).get_attribute("title") or ""
             assert f"off by {written(add)}" in told
             gauge = row.locator(".gauge")
-            expect(gauge).to_have_attribute("data-over", str(std > limit).lower())
+            sure = str(all(link["certain"] for link in links)).lower()
+            expect(gauge).to_have_attribute("data-certain", sure)
             share = float(gauge.evaluate("(gauge) => gauge.style.getPropertyValue('--share')"))
             assert share == pytest.approx(min(1, 0.75 * std / limit), abs=1e-6)
             expect(row.locator("td").nth(2)).to_have_text(word)
-            expect(row.locator("td").nth(2)).to_have_attribute(
-                "data-certain", str(all(link["certain"] for link in links)).lower()
-            )
+            expect(row.locator("td").nth(2)).to_have_attribute("data-certain", sure)
 
 
 def test_a_joint_has_its_interval_within_its_limits(page: Page, served: Served, certain: str) -> None:

@@ -25,6 +25,7 @@ LINK = {
     "std_xyz": [1.0, 1.0, 1.0],
     "expected_add": 0.01,
     "certain": False,
+    "doubts": ["std_xyz", "elsewhere"],
     "visible_fraction": 0.5,
     "log_likelihood": -3.0,
     "modes": [{"weight": 0.75, "pose": POSE, "covariance": EYE}],

@@ -279,9 +279,14 @@ def test_a_read_out_that_was_ended_anywhere_comes_to_the_same_numbers_anew(probl
 
 def test_too_few_draws_that_count_or_a_bad_fit_are_nothing_to_build_on(problem: Problem) -> None:
     found = of_estimate(problem, report(problem))
-    assert found.told and found.effective_sample_size > FEWEST_DRAWS
-    assert not replace(found, effective_sample_size=FEWEST_DRAWS / 2).told
-    assert not replace(found, fit=replace(found.fit, verdict="doubtful")).told
+    told = spread(problem, found, ROOT, SHUT)
+    few = replace(found, effective_sample_size=FEWEST_DRAWS / 2)
+    doubtful = replace(found, fit=replace(found.fit, verdict="doubtful"))
+    for posterior, expected in ((found, set()), (few, {"draws"}), (doubtful, {"fit"})):
+        doubts = told.doubts(posterior, 1.0)
+        assert {why for why, of in doubts.items() if of.all()} == expected
+        assert {why for why, of in doubts.items() if of.any()} == expected
+        assert told.certain(posterior, 1.0).all() == (not expected)
 
 
 def test_an_estimate_that_has_moved_a_little_since_is_not_elsewhere_than_its_own_mode(problem: Problem) -> None:

@@ -8,8 +8,7 @@ let declared = {}; // the members of a view's state, as a JSON schema
 let queued = {};
 let sent = null; // on its way
 let closeEvents = null;
-let newest = {}; // answer or event
-let revision = 0; // of it
+let newest = {}; // answer or event that was applied
 
 const path = () => `${sessionPath(state.id)}/views/${state.viewId}`;
 
@@ -45,7 +44,7 @@ export async function openView(first, opened) {
     { view: applyAnswer },
     {
       opened: () => {
-        revision = 0; // a view that was forgotten counts anew
+        newest = {}; // a view that was forgotten counts anew
         if (before) sendAll(); // the server may have forgotten the view, as after its restart, or had no room for it
         before = true;
       },
@@ -88,8 +87,7 @@ async function send() {
 // What the server says holds, but for what it has not been told yet.
 function applyAnswer(view) {
   // where an event has overtaken the answer, it holds from now on in what was on its way, too
-  if (!(view.revision < revision)) newest = view;
-  revision = newest.revision ?? revision;
+  if (!(view.revision < newest.revision)) newest = view;
   const known = { ...newest };
   for (const name of Object.keys({ ...sent, ...queued })) delete known[name];
   Object.assign(state.view, known);

@@ -128,17 +128,17 @@ def block_depths(
     gap = own - middle[block]
     near = np.abs(gap) < reach[block]
     kept = np.flatnonzero(measured)[near]
-    beside = _in_the_middle(gap[near], block[near], (aside[0][kept], aside[1][kept]), blocks)
+    beside = _in_the_middle(gap[near], block[near], blocks, (aside[0][kept], aside[1][kept]))
     enough = (count > 0) & (2 * count >= pixels) & (2 * pixels >= size)
     return np.where(enough, middle + beside, 0.0).astype(np.float32)
 
 
 def _in_the_middle(
-    values: NDArray[np.floating], block: NDArray[np.integer], aside: Aside, blocks: int
+    values: NDArray[np.floating], block: NDArray[np.integer], blocks: int, aside: Aside
 ) -> NDArray[np.float64]:
     """(blocks,): what the plane through `values` (P,) of pixels, `aside` from the middle of their `block` (P,), has
     there, by least squares; of pixels too near to each other their mean; 0 where there are none."""
-    mean = partial(_means, block=block, blocks=blocks)
+    mean = partial(_means, block=block, count=np.bincount(block, minlength=blocks))
     x, y = aside
     right, down, middle = mean(x), mean(y), mean(values)
     xx, yy, xy = mean(x * x) - right**2 + LEVEL, mean(y * y) - down**2 + LEVEL, mean(x * y) - right * down
@@ -154,13 +154,14 @@ def _deviation(own: NDArray[np.float32], middle: NDArray[np.float32], block: NDA
     """
     gap = (own - middle[block]) / middle[block] ** 2
     chosen = np.abs(gap) < NO_SURFACE
-    squares = _means(gap[chosen] ** 2, block[chosen], len(middle))
+    count = np.bincount(block[chosen], minlength=len(middle))
+    squares = _means(gap[chosen] ** 2, block[chosen], count)
     return float(np.sqrt(np.median(squares[middle > 0])))
 
 
-def _means(values: NDArray[np.floating], block: NDArray[np.integer], blocks: int) -> NDArray[np.float64]:
-    """(blocks,): of `values` (P,) in each `block` (P,), 0 where there are none."""
-    return np.bincount(block, values, minlength=blocks) / np.maximum(np.bincount(block, minlength=blocks), 1)
+def _means(values: NDArray[np.floating], block: NDArray[np.integer], count: NDArray[np.integer]) -> NDArray[np.float64]:
+    """(blocks,): of `values` (P,) in each `block` (P,), which have `count` (blocks,) of them; 0 where there are none."""
+    return np.bincount(block, values, minlength=len(count)) / np.maximum(count, 1)
 
 
 def turned_back(image: NDArray[Number], turn: float, camera: Camera) -> NDArray[Number]:

@@ -105,6 +105,15 @@ def checked(result: dict[str, Any], method: str = "pmpnbp") -> None:
         assert told == (link["covariance"] is not None) == (link["std_xyz"] is not None)
         if told:
             checked_covariance(link["covariance"])
+            within = max(*link["std_xyz"], link["expected_add"]) <= result["max_std"]
+            assert within or not link["certain"]
+            assert (
+                link["certain"]
+                or result["fit"] != "good"
+                or result["effective_draws"] < 20
+                or not within
+                or (len(link["modes"]) > 1)
+            )
             assert link["certain"] == (link["doubts"] == [])
             assert ("fit" in link["doubts"]) == (result["fit"] != "good")
             assert ("draws" in link["doubts"]) == (result["effective_draws"] < 20)

@@ -180,6 +180,7 @@ def test_a_standard_deviation_stands_against_its_limit(
             assert f"off by {written(add)}" in told
             gauge = row.locator(".gauge")
             sure = str(all(link["certain"] for link in links)).lower()
+            assert std <= limit or sure == "false"
             expect(gauge).to_have_attribute("data-certain", sure)
             share = float(gauge.evaluate("(gauge) => gauge.style.getPropertyValue('--share')"))
             assert share == pytest.approx(min(1, 0.75 * std / limit), abs=1e-6)

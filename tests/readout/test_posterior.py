@@ -279,6 +279,7 @@ def test_a_read_out_that_was_ended_anywhere_comes_to_the_same_numbers_anew(probl
 
 def test_too_few_draws_that_count_or_a_bad_fit_are_nothing_to_build_on(problem: Problem) -> None:
     found = of_estimate(problem, report(problem))
+    assert found.effective_sample_size > FEWEST_DRAWS
     told = spread(problem, found, ROOT, SHUT)
     few = replace(found, effective_sample_size=FEWEST_DRAWS / 2)
     doubtful = replace(found, fit=replace(found.fit, verdict="doubtful"))

@@ -44,9 +44,9 @@ def test_a_block_has_the_plane_through_what_is_about_its_median(
     seed: int, blocks: int, pixels: int, holes: float
 ) -> None:
     """In its middle, by least squares of all at once, with slopes held by a weight. Of two in the middle the median is
-    their mean, or if they are not of one surface the lower in every second block; nothing where
-    less than half of the pixels were measured, or half of a whole block's are in the picture. One surface reaches as
-    far as the deviation of inverse depth in the median block says, and a share of its depth at the least."""
+    their mean, or if they are not of one surface the lower in every second block; nothing where less than half of the
+    pixels were measured, or half of a whole block's are in the picture. One surface reaches as far as the deviation of
+    inverse depth in the median block says, and a share of its depth at the least."""
     rng = np.random.default_rng(seed)
     depth = rng.uniform(1.0, 1.0 + rng.choice([0.01, 0.08, 2.0]), pixels).astype(np.float32)
     depth[rng.random(pixels) < holes] = 0.0

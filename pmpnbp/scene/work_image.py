@@ -160,7 +160,7 @@ def _deviation(own: NDArray[np.float32], middle: NDArray[np.float32], block: NDA
 
 
 def _means(values: NDArray[np.floating], block: NDArray[np.integer], count: NDArray[np.integer]) -> NDArray[np.float64]:
-    """(blocks,): of `values` (P,) in each `block` (P,), which have `count` (blocks,) of them; 0 where there are none."""
+    """(blocks,): of `values` (P,) in each `block` (P,), which has `count` (blocks,) of them; 0 where there are none."""
     return np.bincount(block, values, minlength=len(count)) / np.maximum(count, 1)
 
 

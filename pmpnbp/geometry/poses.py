@@ -2,42 +2,91 @@
 
 A pose is named by its frames, parent first: `pose_world_camera` takes camera coordinates to world coordinates, and
 `multiply(pose_world_camera, pose_camera_link)` is `pose_world_link`. All functions broadcast over leading axes. A
-quaternion and its negative are the same rotation; nothing here prefers either. Products and inverses are compiled: a
-chain of joints multiplies many short arrays, on which NumPy spends ten times longer on bookkeeping than on arithmetic.
-For the same reason they are called as NumPy's own ufuncs (`.ufunc`), without numba's wrapper in Python.
+quaternion and its negative are the same rotation; nothing here prefers either. Products, inverses and moves are
+compiled: a chain of joints multiplies many short arrays, on which NumPy spends ten times longer on bookkeeping than on
+arithmetic. For the same reason they are called as NumPy's own ufuncs (`.ufunc`), without numba's wrapper in Python.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import float64, guvectorize
+from numba import float64, guvectorize, njit
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
 IDENTITY: Array = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-IDENTITY.setflags(write=False)
+ORIGIN: Array = np.zeros(3)
+for constant in (IDENTITY, ORIGIN):
+    constant.setflags(write=False)
 
 
-@guvectorize([(float64[:], float64[:], float64[:])], "(n),(n)->(n)", nopython=True, cache=True)
-def _quaternion_multiply(a, b, out):  # type: ignore[no-untyped-def]
-    out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
-    out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
-    out[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
-    out[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
+@njit
+def _product(a, b):  # type: ignore[no-untyped-def]
+    return (
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+    )
 
 
-@guvectorize([(float64[:], float64[:], float64[:])], "(n),(m)->(m)", nopython=True, cache=True)
-def _rotate(q, vector, out):  # type: ignore[no-untyped-def]
+@njit
+def _rotated(q, vector):  # type: ignore[no-untyped-def]
     # v + 2 u × (u × v + w v), u the vector part: cheaper than the product with the conjugate
     x = q[2] * vector[2] - q[3] * vector[1] + q[0] * vector[0]
     y = q[3] * vector[0] - q[1] * vector[2] + q[0] * vector[1]
     z = q[1] * vector[1] - q[2] * vector[0] + q[0] * vector[2]
-    out[0], out[1], out[2] = (
+    return (
         vector[0] + 2.0 * (q[2] * z - q[3] * y),
         vector[1] + 2.0 * (q[3] * x - q[1] * z),
         vector[2] + 2.0 * (q[1] * y - q[2] * x),
     )
+
+
+@guvectorize([(float64[:], float64[:], float64[:])], "(n),(n)->(n)", nopython=True, cache=True)
+def _quaternion_multiply(a, b, out):  # type: ignore[no-untyped-def]
+    out[0], out[1], out[2], out[3] = _product(a, b)
+
+
+@guvectorize([(float64[:], float64[:], float64[:])], "(n),(m)->(m)", nopython=True, cache=True)
+def _rotate(q, vector, out):  # type: ignore[no-untyped-def]
+    out[0], out[1], out[2] = _rotated(q, vector)
+
+
+@njit
+def _turn(rotation):  # type: ignore[no-untyped-def]
+    angle = np.sqrt(rotation[0] ** 2 + rotation[1] ** 2 + rotation[2] ** 2)
+    # nearer to zero the sine is its argument, to the last bit
+    scale = np.sin(0.5 * angle) / angle if angle > 1e-9 else 0.5
+    return np.cos(0.5 * angle), scale * rotation[0], scale * rotation[1], scale * rotation[2]
+
+
+# An input that is not read, here and below, gives the output its length.
+@guvectorize([(float64[:], float64[:], float64[:])], "(m),(n)->(n)", nopython=True, cache=True)
+def _from_rotation_vector(rotation, _, out):  # type: ignore[no-untyped-def]
+    out[0], out[1], out[2], out[3] = _turn(rotation)
+
+
+@guvectorize([(float64[:], float64[:], float64[:])], "(n),(m)->(m)", nopython=True, cache=True)
+def _to_rotation_vector(q, _, out):  # type: ignore[no-untyped-def]
+    sine = np.sqrt(q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
+    scale = 2.0 * np.arctan2(sine, abs(q[0])) / sine if sine > 1e-12 else 2.0
+    # of a quaternion and its negative the turn that is the shorter
+    scale = -scale if q[0] < 0.0 else scale
+    out[0], out[1], out[2] = scale * q[1], scale * q[2], scale * q[3]
+
+
+@guvectorize(
+    [(float64[:], float64[:], float64[:], float64[:], float64[:])], "(n),(m),(m),(m)->(n)", nopython=True, cache=True
+)
+def _perturb(pose, translation, rotation, centre, out):  # type: ignore[no-untyped-def]
+    w, x, y, z = _product(_turn(rotation), pose[3:])
+    length = np.sqrt(w * w + x * x + y * y + z * z)
+    out[3], out[4], out[5], out[6] = w / length, x / length, y / length, z / length
+    before, after = _rotated(pose[3:], centre), _rotated(out[3:], centre)
+    for k in range(3):
+        out[k] = pose[k] + before[k] + translation[k] - after[k]
 
 
 @guvectorize([(float64[:], float64[:], float64[:])], "(n),(n)->(n)", nopython=True, cache=True)
@@ -111,18 +160,12 @@ def normalise(pose: ArrayLike) -> Array:
 
 def from_rotation_vector(rotation: Array) -> Array:
     """Unit quaternions (..., 4), w x y z, of rotation vectors (..., 3), radians (the exponential map)."""
-    angle = np.linalg.norm(rotation, axis=-1, keepdims=True)
-    # sin(a/2)/a by numpy's sinc, which is exact at zero
-    return np.concatenate([np.cos(angle / 2), 0.5 * np.sinc(angle / (2 * np.pi)) * rotation], axis=-1)
+    return _from_rotation_vector.ufunc(rotation, IDENTITY[3:])
 
 
 def to_rotation_vector(q: Array) -> Array:
     """Rotation vectors (..., 3) in radians, length at most pi, of unit quaternions (..., 4) (the logarithm)."""
-    q = np.where(q[..., :1] < 0, -q, q)
-    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, q[..., :1])
-    small = sine < 1e-12
-    return np.where(small, 2.0, angle / np.where(small, 1.0, sine)) * q[..., 1:]
+    return _to_rotation_vector.ufunc(q, ORIGIN)
 
 
 def rotation_angle(a: Array, b: Array) -> Array:
@@ -204,16 +247,13 @@ def random_quaternions(rng: np.random.Generator, shape: tuple[int, ...]) -> Arra
     return q / np.linalg.norm(q, axis=-1, keepdims=True)
 
 
-def perturb(pose: Array, translation: Array, rotation: Array, centre: Array | float = 0.0) -> Array:
+def perturb(pose: Array, translation: Array, rotation: Array, centre: Array = ORIGIN) -> Array:
     """Move poses (..., 7) by a `translation` and a `rotation` vector (..., 3), both in the world's axes.
 
     The turn is about the point `centre` (..., 3) of the moved frame, so that a part's far end is not thrown about
-    when its frame's origin lies outside it.
+    when its frame's origin lies outside it. Quaternions come back at unit length, however often they are moved.
     """
-    q = quaternion_multiply(from_rotation_vector(rotation), pose[..., 3:])
-    offset = np.broadcast_to(np.asarray(centre, dtype=np.float64), (*q.shape[:-1], 3))
-    pivot = transform_points(pose, offset)
-    return np.concatenate([pivot + translation - rotate(q, offset), q], axis=-1)
+    return _perturb.ufunc(pose, translation, rotation, centre)
 
 
 def perturbation(before: Array, after: Array, centre: Array) -> tuple[Array, Array]:

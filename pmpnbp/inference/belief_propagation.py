@@ -15,13 +15,13 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import log_weights as lw
 from pmpnbp.inference.belief import NEIGHBOUR, OWN, Belief, IterationReport, Messages, Origin, State
 from pmpnbp.inference.joint_draws import draw_axes
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import improve
-from pmpnbp.potentials.kernels import kinematics
 from pmpnbp.potentials.pairwise import neighbour_sums
 from pmpnbp.potentials.unary import Renderer
 from pmpnbp.settings import Schedule
@@ -117,17 +117,9 @@ def draw(
 
 
 def _diffuse(rng: np.random.Generator, part_poses: Array, centres: Array, plan: Schedule) -> Array:
-    flat = part_poses.reshape(-1, 7)
-    noise = rng.standard_normal((len(flat), 6))
-    out = np.empty_like(flat)
-    kinematics.perturb(
-        flat,
-        plan.diffusion_position * noise[:, :3],
-        plan.diffusion_rotation * noise[:, 3:],
-        np.repeat(centres, part_poses.shape[1], axis=0),
-        out,
-    )
-    return out.reshape(part_poses.shape)
+    noise = rng.standard_normal((*part_poses.shape[:2], 6))
+    shift, turn = plan.diffusion_position * noise[..., :3], plan.diffusion_rotation * noise[..., 3:]
+    return poses.perturb(part_poses, shift, turn, centres[:, None])
 
 
 def _judge_by_senders(

@@ -85,8 +85,11 @@ def _recall(
 
 def within_limits(positions: Array, lower: Array, upper: Array, wraps: NDArray[np.bool_]) -> Array:
     """Positions (..., K) clipped to their limits, or taken around where an axis wraps."""
+    clipped = np.minimum(np.maximum(positions, lower), upper)
+    if not np.any(wraps):
+        return clipped
     around = lower + np.mod(positions - lower, np.maximum(upper - lower, 1e-12))
-    return np.where(wraps, around, np.clip(positions, lower, upper))
+    return np.where(wraps, around, clipped)
 
 
 def joint_spreads(problem: Problem, plan: Schedule) -> Array:

@@ -200,7 +200,7 @@ def vary(
     scale = np.exp(rng.uniform(np.log(SHORTEST), 0.0, (many, count, 1)))
     noise = rng.standard_normal((many, count, 6)) * (rng.random((many, count, 6)) < MOVED) * scale
     shift, turn = plan.diffusion_position * noise[..., :3], plan.diffusion_rotation * noise[..., 3:]
-    at_once, _, part_rows, joint_rows = (len(rows) for rows in np.array_split(np.arange(count), 4))
+    at_once, _, part_rows, joint_rows = ((count + 3 - quarter) // 4 for quarter in range(4))
     reach = np.where(problem.joint_turns, plan.diffusion_position / LENGTH_PER_RADIAN, plan.diffusion_position)
     some = rng.random((many, at_once, model.dof)) < MOVED
     turned = reach * scale[:, :at_once] * rng.standard_normal(some.shape) * some

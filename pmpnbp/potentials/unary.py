@@ -27,6 +27,7 @@ from pmpnbp.potentials.surfaces import Surfaces
 from pmpnbp.scene.observation import Observation, View
 
 Renderer = Literal["splats", "rasteriser"]
+ALL = slice(None)
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ def unary_scores(
     terms, robust = score.terms, score.form == "robust"
     used = min(points, surfaces.points.shape[-1])
     for number, view in enumerate(observation.views):
-        seen = _apparent(observation, number, pose, surfaces.axes_at_zero[parts], nuisances)
+        seen = _apparent(observation, number, pose, surfaces, nuisances, parts)
         if renderer == "splats":
             splatting.add_scores(_image(view), surfaces.splats, parts, seen, terms, robust, used, out)
         elif renderer == "rasteriser":
@@ -128,7 +129,7 @@ def object_scores_by_each(
     out = np.zeros((len(pose), len(scores)))
     terms, robust = np.stack([score.terms for score in scores]), scores[0].form == "robust"
     for number, view in enumerate(observation.views):
-        seen = _apparent(observation, number, pose, surfaces.axes_at_zero, nuisances)
+        seen = _apparent(observation, number, pose, surfaces, nuisances)
         rasterised_scores.add_object_scores(_image(view), surfaces.mesh, seen, terms, robust, out)
     return out
 
@@ -157,7 +158,7 @@ def normal_equations(
     pose = _checked(poses_world_part, (count, moved, nodes))
     information, gradient = np.zeros((*shape, moved - 1)), np.zeros(shape)
     for number, view in enumerate(observation.views):
-        seen = _apparent(observation, number, pose, surfaces.axes_at_zero, nuisances)
+        seen = _apparent(observation, number, pose, surfaces, nuisances)
         equations.add_normal_equations(
             _image(view), surfaces.mesh, seen, probes, score.terms, gates, steepest, information, gradient
         )
@@ -181,7 +182,7 @@ def renders(
     unless there are none, see `potentials/nuisances.py`; depth and part number as from `render`."""
     pose = _checked(poses_world_part, (len(surfaces.centres),))
     for place, view in enumerate(observation.views):
-        seen = _apparent(observation, place, pose, surfaces.axes_at_zero, nuisances)
+        seen = _apparent(observation, place, pose, surfaces, nuisances)
         yield view, seen, *render(view.camera, surfaces, seen)
 
 
@@ -230,11 +231,18 @@ def explained_share(observation: Observation, surfaces: Surfaces, poses_world_pa
 
 
 def _apparent(
-    observation: Observation, number: int, pose: Array, axes_at_zero: Array, nuisances: Array | None
+    observation: Observation,
+    number: int,
+    pose: Array,
+    surfaces: Surfaces,
+    nuisances: Array | None,
+    parts: NDArray[np.int32] | slice = ALL,
 ) -> Array:
-    """Parts at poses (..., P, 7) as view `number` has them: these poses, or maps (..., P, 12) under nuisances."""
+    """These `parts` (P,) at poses (..., P, 7) as view `number` has them: these poses, or maps (..., P, 12) under
+    nuisances."""
     if nuisances is None:
         return pose
+    axes_at_zero = surfaces.axes_at_zero[parts]
     given = observation.views[number].pose_world_scan
     return np.ascontiguousarray(apparent(nuisances, number, len(observation.views), given, pose, axes_at_zero))
 

@@ -110,6 +110,19 @@ def test_logarithm_undoes_the_exponential(rng: np.random.Generator, by: float) -
         np.testing.assert_allclose(back, by * axes, rtol=1e-12)
 
 
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("length", [0.0, 1e-300, 1e-10, 0.9e-9, 1.1e-9, 1e-4, 1.0, 3.0])
+def test_exponential_and_logarithm_are_scipys(rng: np.random.Generator, shape: tuple[int, ...], length: float) -> None:
+    rotation = length * rng.uniform(-0.5, 0.5, (*shape, 3))
+    q = poses.from_rotation_vector(rotation)
+    assert q.shape == (*shape, 4) and poses.to_rotation_vector(q).shape == (*shape, 3)
+    if q.size:
+        known = Rotation.from_rotvec(rotation.reshape(-1, 3))
+        np.testing.assert_allclose(q.reshape(-1, 4), known.as_quat(scalar_first=True), rtol=1e-12, atol=1e-15)
+        back = poses.to_rotation_vector(-q).reshape(-1, 3)
+        np.testing.assert_allclose(back, known.as_rotvec(), rtol=1e-9, atol=1e-15)
+
+
 @pytest.mark.parametrize("by", ANGLES)
 def test_angle_between_rotations_is_that_of_the_turn_between_them(rng: np.random.Generator, by: float) -> None:
     a = poses.random_quaternions(rng, (20,))
@@ -183,6 +196,13 @@ def test_perturb_turns_about_the_given_point(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(poses.transform_points(moved, np.broadcast_to(centre, (30, 3))), at + translation)
     turned = poses.quaternion_multiply(moved[:, 3:], poses.quaternion_conjugate(pose[:, 3:]))
     assert_same_rotation(turned, poses.from_rotation_vector(rotation))
+
+
+def test_poses_that_move_often_keep_quaternions_of_unit_length(rng: np.random.Generator) -> None:
+    pose = random_poses(rng, (3,))
+    for _ in range(5_000):
+        pose = poses.perturb(pose, np.zeros(3), rng.normal(size=(3, 3)), np.ones(3))
+    np.testing.assert_allclose(np.linalg.norm(pose[:, 3:], axis=1), 1.0, atol=4e-16)
 
 
 def test_a_perturbation_is_told_from_where_it_led(rng: np.random.Generator) -> None:

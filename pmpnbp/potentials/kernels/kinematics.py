@@ -1,5 +1,4 @@
-"""Moving many poses at once: through joints, and by small random motions. Numba twins of `Edge.pose_parent_child`
-and `poses.perturb`, which are the specification.
+"""Moving many poses through joints at once: the numba twin of `Edge.pose_parent_child`, which is the specification.
 
 With few poses starting threads costs more than it saves; the search moves hundreds of thousands.
 """
@@ -119,35 +118,3 @@ def through_joints(poses_from, edge, to_child, axis_positions, axis_count, befor
         _through_range(0, count, poses_from, edge, to_child, axis_positions, *table, out)
     else:
         _through_parallel(count, poses_from, edge, to_child, axis_positions, *table, out)
-
-
-@kernel()
-def perturb(poses, translation, rotation, centre, out):  # type: ignore[no-untyped-def]
-    """poses, out : (B, 7); translation, rotation : (B, 3) in world axes; centre : (B, 3) in the moved frame."""
-    turn = np.empty(7)
-    scratch = np.empty(7)
-    pivot = np.empty(7)
-    pivot[:] = 0.0
-    pivot[3] = 1.0
-    for b in range(poses.shape[0]):
-        angle = np.sqrt(rotation[b, 0] ** 2 + rotation[b, 1] ** 2 + rotation[b, 2] ** 2)
-        scale = 0.5 if angle < 1e-9 else np.sin(0.5 * angle) / angle
-        for c in range(3):
-            pivot[c] = centre[b, c]
-        _multiply(poses[b], pivot, scratch)
-        turn[0] = scratch[0] + translation[b, 0]
-        turn[1] = scratch[1] + translation[b, 1]
-        turn[2] = scratch[2] + translation[b, 2]
-        turn[3] = np.cos(0.5 * angle)
-        for c in range(3):
-            turn[4 + c] = scale * rotation[b, c]
-            scratch[c] = 0.0
-        _multiply(turn, scratch, out[b])
-        for c in range(3):
-            pivot[c] = -centre[b, c]
-        _multiply(out[b], pivot, scratch)
-        length = np.sqrt(scratch[3] ** 2 + scratch[4] ** 2 + scratch[5] ** 2 + scratch[6] ** 2)
-        for c in range(3):
-            out[b, c] = scratch[c]
-        for c in range(3, 7):
-            out[b, c] = scratch[c] / length

@@ -25,12 +25,14 @@ from pmpnbp.inference.hypotheses import SEARCH_POINTS, Hypotheses, Proposals, fo
 from pmpnbp.inference.mrf import LEAST_LEVER, Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.pairwise import stratified_axes
+from pmpnbp.potentials.unary import object_scores
 from pmpnbp.settings import Schedule
 
-# Places of the root that chains grow from, variants of each, and chains of each place that go on after a link.
-LINEAGES, VARIANTS, CHAINS = 24, 16, 300
-# Positions of a joint that each of them is tried at.
-DRAWS = 16
+# Places of the root that chains grow from, and variants of each.
+LINEAGES, VARIANTS = 24, 16
+# Positions of a joint that a chain is tried at; chains of each place that go on after a link: as many as two links end
+# in.
+DRAWS, CHAINS = 16, 256
 # Metres: the tolerance that a link is judged at, at most. At a wider one a chain that winds explains as much as one
 # that follows.
 TOLERANCE = 0.03
@@ -59,20 +61,18 @@ def grown(
     """The best chains that grow from `starts`, at most CHAINS of each `lineage` (P,)."""
     mrf, count = problem.mrf, len(starts.roots)
     unary, part_poses = np.zeros((count, mrf.nodes)), np.zeros((count, mrf.nodes, 7))
-    part_poses[:, 0], unary[:, 0] = starts.roots, _root_scores(problem, starts.roots, tolerance)
+    part_poses[:, 0], unary[:, 0] = starts.roots, _root_unary(problem, starts.roots, tolerance)
     chains = Hypotheses(**vars(starts), unary=unary, part_poses=part_poses)
-    merit = unary[:, 0]
-    start = np.arange(count)
+    start, placed = np.arange(count), {0}
     for place, number in enumerate(mrf.tree):
         edge = mrf.model.edges[number]
+        merit = explained_together(problem, chains.part_poses, placed, tolerance)
         if follows(mrf.model.edges, number):
             axes = edge.axis_positions(chains.joints)[:, None]
         else:
             axes = stratified_axes(rng, edge, (len(chains.roots),), DRAWS)
         tried, score = judged(problem, number, chains.part_poses[:, edge.parent], axes, tolerance)
-        others = sorted({0, *(mrf.model.edges[earlier].child for earlier in mrf.tree[:place])} - {edge.parent})
-        inside = _inside(mrf, chains.part_poses, others, edge.child, tried)
-        total = merit[:, None] + np.where(inside, np.minimum(score, 0.0), score)
+        total = merit[:, None] + score
         if edge.child == problem.prior_node:
             total = problem.plus_prior(total, tried)
         ends = _cells(rng, mrf, edge.child, tried, CELL * tolerance).ravel() + np.repeat(start, axes.shape[1])
@@ -80,11 +80,22 @@ def grown(
             ends += np.repeat(_cells(rng, mrf, part, chains.part_poses[:, part], CELL * tolerance), axes.shape[1])
         best = _best_of_each(total.ravel(), ends, np.repeat(lineage[start], axes.shape[1]), CHAINS)
         row, draw = np.divmod(best, axes.shape[1])
-        chains, merit, start = chains.taken(row), total[row, draw], start[row]
+        chains, start = chains.taken(row), start[row]
         chains.part_poses[:, edge.child], chains.unary[:, edge.child] = tried[row, draw], score[row, draw]
         coordinates, positions = edge.joint_positions(axes[row, draw])
         chains.joints[:, coordinates] = positions
+        placed.add(edge.child)
     return chains
+
+
+def explained_together(problem: Problem, part_poses: Array, placed: set[int], tolerance: float) -> Array:
+    """Log scores (P,) of objects of which only the parts `placed` are where `part_poses` (P, N, 7) says, and the others
+    nowhere; the prior included where it speaks of one of them. What goes on beyond their outline may be the next
+    part."""
+    surfaces = problem.surfaces.without([part for part in range(problem.mrf.nodes) if part not in placed])
+    pixel_score = replace(problem.score(tolerance), continued_reward=1.0)
+    score = object_scores(problem.observation, surfaces, part_poses, pixel_score, problem.nuisances)
+    return problem.plus_prior(score, part_poses[:, problem.prior_node]) if problem.prior_node in placed else score
 
 
 def _starts(rng: np.random.Generator, problem: Problem, proposals: Proposals, tolerance: float) -> Proposals:
@@ -94,7 +105,9 @@ def _starts(rng: np.random.Generator, problem: Problem, proposals: Proposals, to
     for number, (apart, most) in enumerate(ROUNDS):
         if number:
             proposals = _moved(rng, problem, proposals, ABOUT, apart / 2)
-        score = _root_scores(problem, proposals.roots, tolerance)
+        score = _root_unary(problem, proposals.roots, tolerance)
+        if problem.prior_node == 0:
+            score = problem.plus_prior(score, proposals.roots)
         ends = _cells(rng, problem.mrf, 0, proposals.roots, apart)
         proposals = proposals.taken(_best_of_each(score, ends, np.zeros(len(score), dtype=np.int64), more * most))
     return proposals
@@ -111,17 +124,6 @@ def _moved(rng: np.random.Generator, problem: Problem, chosen: Proposals, count:
         turn = turn[:, :1] * problem.observation.up
     moved = chosen.taken(rows)
     return replace(moved, roots=poses.perturb(moved.roots, noise[:, :3], turn, problem.mrf.centres[0]))
-
-
-def _inside(mrf: Mrf, part_poses: Array, others: list[int], part: int, tried: Array) -> NDArray[np.bool_]:
-    """(P, draws): whether the middle of `part` at poses (P, draws, 7) is nearer to that of one of the `others`, at
-    `part_poses` (P, N, 7), than both are thick: there it would explain once more what that one has explained."""
-    middle = poses.transform_points(tried, mrf.centres[part])
-    taken = poses.transform_points(part_poses[:, others], mrf.centres[others])
-    square = (middle**2).sum(-1)[..., None] + (taken**2).sum(-1)[:, None] - 2 * middle @ np.swapaxes(taken, 1, 2)
-    thickness = np.array([each.extents.min() for each in mrf.model.parts])
-    thick = thickness[others] + thickness[part]
-    return np.any(square < (thick / 2) ** 2, axis=-1)
 
 
 def _open_parts(mrf: Mrf, place: int) -> list[int]:
@@ -153,7 +155,6 @@ def _best_of_each(score: Array, ends: NDArray[np.int64], lineage: NDArray[np.int
     return order[np.sort(by_lineage[rank < most])]
 
 
-def _root_scores(problem: Problem, roots: Array, tolerance: float) -> Array:
-    """log unary (P,) of the root part at poses (P, 7), and where the prior speaks of it the prior."""
-    score = problem.unary(np.zeros(len(roots), dtype=np.int32), roots, tolerance, "splats", SEARCH_POINTS)
-    return problem.plus_prior(score, roots) if problem.prior_node == 0 else score
+def _root_unary(problem: Problem, roots: Array, tolerance: float) -> Array:
+    """log unary (P,) of the root part at poses (P, 7)."""
+    return problem.unary(np.zeros(len(roots), dtype=np.int32), roots, tolerance, "splats", SEARCH_POINTS)

@@ -56,14 +56,18 @@ class Surfaces:
     def without(self, parts: Sequence[int]) -> Surfaces:
         """The same, some parts having no surface that could be seen."""
         gone = np.isin(np.arange(len(self.centres)), parts)
-        counts = np.diff(self.face_offsets)
-        kept = np.repeat(~gone, counts)
+        (vertices, corners), (faces, triangles) = (
+            (np.repeat(~gone, counts), np.concatenate([[0], np.cumsum(np.where(gone, 0, counts))]))
+            for counts in (np.diff(self.vertex_offsets), np.diff(self.face_offsets))
+        )
         return replace(
             self,
             areas=np.where(gone[:, None], np.float32(0.0), self.areas),
-            faces=np.ascontiguousarray(self.faces[:, kept]),
-            one_sided=self.one_sided[kept],
-            face_offsets=np.concatenate([[0], np.cumsum(np.where(gone, 0, counts))]),
+            vertices=np.ascontiguousarray(self.vertices[:, vertices]),
+            faces=np.ascontiguousarray(self.faces[:, faces]),
+            one_sided=self.one_sided[faces],
+            vertex_offsets=corners,
+            face_offsets=triangles,
         )
 
 

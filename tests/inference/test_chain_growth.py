@@ -12,8 +12,10 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import chain_growth, hypotheses, initialisation, problem, run
 from pmpnbp.inference.belief import SURFACE
-from pmpnbp.inference.hypotheses import Proposals
+from pmpnbp.inference.hypotheses import SEARCH_POINTS, Proposals
 from pmpnbp.inference.problem import Problem
+from pmpnbp.potentials.surfaces import prepare_surfaces
+from pmpnbp.potentials.unary import object_scores
 from pmpnbp.readout.metrics import add, model_points
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.prior import UniformPrior
@@ -33,6 +35,17 @@ def proposals(rng: np.random.Generator, made: Problem, roots: Array) -> Proposal
     )
 
 
+@pytest.fixture
+def sharing_no_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the unary potential is a formula and no picture, parts explain together what they explain alone."""
+
+    def explained_together(problem: Problem, part_poses: Array, placed: set[int], tolerance: float) -> Array:
+        found: Array = problem.unary(np.arange(part_poses.shape[1]), part_poses, tolerance, "splats")[:, sorted(placed)]
+        return found.sum(axis=1)
+
+    monkeypatch.setattr(chain_growth, "explained_together", explained_together)
+
+
 def misleading(node: Array, part_poses: Array) -> Array:
     """Log unary: the first link likes to lean to one side, the last one to be near a target on the other."""
     to_target = np.linalg.norm(part_poses[..., :3] - TARGET, axis=-1)
@@ -41,6 +54,7 @@ def misleading(node: Array, part_poses: Array) -> Array:
     )
 
 
+@pytest.mark.usefixtures("sharing_no_pixels")
 @pytest.mark.parametrize("name", MODELS)
 def test_growing_puts_every_part_where_the_joints_say(rng: np.random.Generator, name: str) -> None:
     model = MODELS[name]
@@ -56,6 +70,7 @@ def test_growing_puts_every_part_where_the_joints_say(rng: np.random.Generator, 
     np.testing.assert_allclose(chains.unary, misleading(nodes, chains.part_poses), atol=1e-9)
 
 
+@pytest.mark.usefixtures("sharing_no_pixels")
 def test_it_finds_the_best_of_all_positions_where_a_walk_does_not(rng: np.random.Generator) -> None:
     """Two links end in fewer places than CHAINS, so that nothing may be lost."""
     model = worlds.hinged_chain(4)
@@ -84,19 +99,6 @@ def test_of_those_that_end_alike_the_best_goes_on(rng: np.random.Generator) -> N
     assert chain_growth._best_of_each(score, ends, lineage, 8).tolist() == expected
 
 
-def test_a_link_inside_another_explains_nothing(rng: np.random.Generator) -> None:
-    """Bars 5 cm thick: two are in one place where their middles are nearer than that."""
-    mrf = worlds.given_unary(worlds.hinged_chain(4), misleading, worlds.settings()).mrf
-    part_poses = np.concatenate([rng.uniform(0, 0.2, (9, 4, 3)), poses.random_quaternions(rng, (9, 4))], axis=-1)
-    tried = np.concatenate([rng.uniform(0, 0.2, (9, 5, 3)), poses.random_quaternions(rng, (9, 5))], axis=-1)
-    inside = chain_growth._inside(mrf, part_poses, [0, 1], 3, tried)
-    for row, draw in np.ndindex(inside.shape):
-        middle = poses.transform_points(tried[row, draw], mrf.centres[3])
-        gaps = [np.linalg.norm(middle - poses.transform_points(part_poses[row, k], mrf.centres[k])) for k in (0, 1)]
-        assert inside[row, draw] == (min(gaps) < 0.05)
-    assert 0 < inside.mean() < 1
-
-
 def snake(count: int) -> ArticulatedObject:
     """A block with `count` bars in a row behind it, 7 cm each, and a larger last one."""
     bars = worlds.hinged_chain(count + 1, 0.07)
@@ -106,6 +108,45 @@ def snake(count: int) -> ArticulatedObject:
     )
     surfaces = {f"link{k}": bar for k in range(1, count)} | {"link0": foot}
     return worlds.articulated(list(bars.joints), surfaces | {f"link{count}": worlds.block([0.12, 0.09, 0.05])})
+
+
+def test_links_explain_a_pixel_once_and_those_without_a_place_none(rng: np.random.Generator) -> None:
+    """Against an object that ends with the last link that has a place."""
+    model, root = snake(6), worlds.at(1.6, 0.1, 0.0, yaw=2.6)
+    observation = worlds.seen(model, root, np.array([0.3, 0.2, -0.35, 0.15, 0.3, 0.1]))
+    made = problem.build(model, observation, UniformPrior("upright"), worlds.settings(), particles=50)
+    part_poses = model.part_poses(root, rng.uniform(model.lower, model.upper, (30, model.dof)))
+    part_poses[0, 3] = part_poses[0, 2]
+    for count in range(1, 7):
+        shorter = prepare_surfaces(replace(model, parts=model.parts[:count], edges=model.edges[: count - 1]))
+        expected = object_scores(
+            observation, shorter, part_poses[:, :count], replace(made.score(0.03), continued_reward=1.0)
+        )
+        wherever = part_poses.copy()
+        wherever[:, count:] = 0.0
+        found = chain_growth.explained_together(made, wherever, set(range(count)), 0.03)
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    both, one = (chain_growth.explained_together(made, part_poses[:1], placed, 0.03) for placed in ({2, 3}, {2}))
+    alone = made.unary(np.arange(2, 4), part_poses[0, 2:4], 0.03, "rasteriser")
+    np.testing.assert_allclose([both[0], one[0], alone.sum() / 2], alone[0], rtol=1e-6)
+
+
+def test_a_prior_of_the_root_counts_once(rng: np.random.Generator) -> None:
+    """Not in the link's own log unary, to which it is added of whole chains."""
+    model, root = snake(3), worlds.at(1.6, 0.1, 0.0, yaw=2.6)
+    observation = worlds.seen(model, root, np.array([0.3, 0.2, -0.35]))
+    prior = worlds.rough_prior(rng, root)
+    known, unknown = (
+        problem.build(model, observation, each, worlds.settings(), particles=50)
+        for each in (prior, UniformPrior("upright"))
+    )
+    roots = poses.perturb(np.tile(root, (5, 1)), rng.normal(0, 0.01, (5, 3)), np.zeros((5, 3)))
+    chains = chain_growth.grown(rng, known, proposals(rng, known, roots), np.arange(5), 0.03)
+    alone = unknown.unary(np.zeros(len(chains.roots), dtype=np.int32), chains.roots, 0.03, "splats", SEARCH_POINTS)
+    np.testing.assert_allclose(chains.unary[:, 0], alone)
+    part_poses = model.part_poses(roots, np.zeros((5, model.dof)))
+    each = (chain_growth.explained_together(made, part_poses, {0, 1}, 0.03) for made in (known, unknown))
+    np.testing.assert_allclose(np.subtract(*each), known.log_prior(part_poses[:, 0]))
 
 
 def test_a_long_chain_is_found_in_one_iteration() -> None:

@@ -33,6 +33,9 @@ LINEAGES, VARIANTS = 24, 16
 # Positions of a joint that a chain is tried at; chains of each place that go on after a link: as many as two links end
 # in.
 DRAWS, CHAINS = 16, 256
+# No more of these than so many end in a cell so many metres wide: where a few links are hidden, those that run over
+# what is seen elsewhere would leave no room for the right ones.
+REGION, NEIGHBOURS = 0.1, 16
 # Metres: the tolerance that a link is judged at, at most. At a wider one a chain that winds explains as much as one
 # that follows.
 TOLERANCE = 0.03
@@ -47,12 +50,14 @@ ANY_ORIENTATION = 4
 VARIED = 0.008
 
 
-def grow(rng: np.random.Generator, problem: Problem, proposals: Proposals, plan: Schedule) -> Hypotheses:
-    """Chains grown from the best places among the proposals' root poses; best ones of every place, in no order."""
+def grow(rng: np.random.Generator, problem: Problem, proposals: Proposals, plan: Schedule) -> tuple[Hypotheses, Array]:
+    """Chains grown from the best places among the proposals' root poses; best ones of every place, in no order. And
+    their log scores (P,), rendered whole."""
     tolerance = min(plan.tolerance, TOLERANCE)
     starts = _starts(rng, problem, proposals, tolerance)
     lineage = np.repeat(np.arange(len(starts.roots)), VARIANTS)
-    return grown(rng, problem, _moved(rng, problem, starts, VARIANTS, VARIED), lineage, tolerance)
+    chains = grown(rng, problem, _moved(rng, problem, starts, VARIANTS, VARIED), lineage, tolerance)
+    return chains, explained_together(problem, chains.part_poses, set(range(problem.mrf.nodes)), tolerance)
 
 
 def grown(
@@ -78,7 +83,7 @@ def grown(
         ends = _cells(rng, mrf, edge.child, tried, CELL * tolerance).ravel() + np.repeat(start, axes.shape[1])
         for part in _open_parts(mrf, place):
             ends += np.repeat(_cells(rng, mrf, part, chains.part_poses[:, part], CELL * tolerance), axes.shape[1])
-        best = _best_of_each(total.ravel(), ends, np.repeat(lineage[start], axes.shape[1]), CHAINS)
+        best = _going_on(rng, mrf, edge.child, tried, total.ravel(), ends, np.repeat(lineage[start], axes.shape[1]))
         row, draw = np.divmod(best, axes.shape[1])
         chains, start = chains.taken(row), start[row]
         chains.part_poses[:, edge.child], chains.unary[:, edge.child] = tried[row, draw], score[row, draw]
@@ -142,6 +147,22 @@ def _cells(rng: np.random.Generator, mrf: Mrf, part: int, part_poses: Array, wid
     # one number of nine, which two cells have in common once in 2**64
     factors: NDArray[np.int64] = cell @ rng.integers(-(2**62), 2**62, 9)
     return factors
+
+
+def _going_on(
+    rng: np.random.Generator,
+    mrf: Mrf,
+    part: int,
+    tried: Array,
+    total: Array,
+    ends: NDArray[np.int64],
+    lineage: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """Rows, best first, of the best `total` (P,) of each of the `ends` (P,): at most CHAINS of a `lineage` (P,), and
+    NEIGHBOURS of these with `part`, which poses (…, 7) `tried` place, in one region."""
+    region = _cells(rng, mrf, part, tried, REGION).ravel() + lineage
+    some = _best_of_each(total, ends, region, NEIGHBOURS)
+    return some[_best_of_each(total[some], ends[some], lineage[some], CHAINS)]
 
 
 def _best_of_each(score: Array, ends: NDArray[np.int64], lineage: NDArray[np.int64], most: int) -> NDArray[np.int64]:

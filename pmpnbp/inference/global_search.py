@@ -37,6 +37,8 @@ from pmpnbp.settings import Schedule
 
 # Of the proposals the share that descends from islands: this much, and this much more over the search, up to so much.
 OFFSPRING, MORE_OFFSPRING, MOST_OFFSPRING = 0.3, 0.6, 0.9
+# Of the others the share whose joints stay as they are up to the part that was laid on the scan.
+HELD = 0.5
 # Standard deviations of an offspring's move, in those of the diffusion: drawn evenly in the logarithm.
 SHORTEST_MOVE, LONGEST_MOVE = 0.1, 1.5
 # Without a prior, the share of offspring that is given quarter turns; of these, the share turned about the middle of
@@ -165,10 +167,10 @@ def compared(
     """
     began = time.perf_counter()
     if problem.grows:
-        tried = grow(rng, problem, proposals, plan)
+        tried, total = grow(rng, problem, proposals, plan)
     else:
         tried = walk(rng, problem, proposals, plan, kept, COMPARED * islands)
-    total = problem.plus_prior(tried.unary.sum(axis=1), tried.part_poses[:, problem.prior_node])
+        total = problem.plus_prior(tried.unary.sum(axis=1), tried.part_poses[:, problem.prior_node])
     order = ranked(total, tried.ancestor, COMPARED * islands)
     leaders, member_of = distinct(problem, tried, order, RENDERED * islands, DISTINCT * plan.diffusion_position)
     whole = configuration_scores(problem, tried.roots[leaders], tried.joints[leaders], plan.tolerance)
@@ -251,8 +253,9 @@ def _proposals(
     if parents is not None:  # of few proposals half at least are other than the islands themselves
         parents = parents[: max(offspring // 2, 1)]
     joints = random_joints(rng, problem, fresh)
-    roots, source = fresh_roots(rng, problem, joints)
-    new = Proposals(roots=roots, joints=joints, source=source, ancestor=np.full(fresh, -1, dtype=np.int32))
+    roots, source, matched = fresh_roots(rng, problem, joints)
+    held = np.where(rng.random(fresh) < HELD, matched, 0)
+    new = Proposals(roots=roots, joints=joints, source=source, ancestor=np.full(fresh, -1, dtype=np.int32), held=held)
     if parents is None:
         return new, slice(0)
     return new.joined(_offspring(rng, state, problem, plan, parents, offspring)), slice(fresh, fresh + len(parents))
@@ -285,7 +288,8 @@ def _offspring(
         children[flipped] = turned(children[flipped], centre, axis, quarters)
         source[flipped] = FLIP
     joints, ancestor = state.belief.joint_positions[chosen], chosen.astype(np.int32)
-    return Proposals(roots=children, joints=joints, source=source, ancestor=ancestor)
+    held = np.zeros(count, dtype=np.int64)
+    return Proposals(roots=children, joints=joints, source=source, ancestor=ancestor, held=held)
 
 
 def _belief(

@@ -17,7 +17,7 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import OWN
 from pmpnbp.inference.joint_draws import within_limits
-from pmpnbp.inference.mrf import LEAST_LEVER
+from pmpnbp.inference.mrf import LEAST_LEVER, Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.kernels.grouping import group
 from pmpnbp.potentials.pairwise import stratified_axes
@@ -37,12 +37,14 @@ CHANCE = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Proposals:
-    """P whole objects: roots (P, 7), joints (P, D), and source and ancestor (P,) of each, as in `Origin`."""
+    """P whole objects: roots (P, 7), joints (P, D), source and ancestor (P,) of each, as in `Origin`, and the part
+    `held` (P,) that is laid on the scan with the joints as they are, 0 where none is but the root."""
 
     roots: Array
     joints: Array
     source: NDArray[np.uint8]
     ancestor: NDArray[np.int32]
+    held: NDArray[np.int64]
 
     def taken(self, rows: NDArray[np.int64]) -> Self:
         """Those at `rows`."""
@@ -72,9 +74,10 @@ def walk(
 ) -> Hypotheses:
     """From the root outwards, give each joint the position at which the part behind it explains the scan best.
 
-    Those in `kept` stay as they are, and offspring often stay near to their joints, so that what was found far out is
-    not lost with every step near the root. Of P proposals `left` arrive, those in `kept` and the best of each island's
-    offspring beside: before every joint the same share is left behind, those whose parts so far explain least.
+    Those in `kept` stay as they are, joints up to a part that is held do, and offspring often stay near to theirs, so
+    that what was found far out is not lost with every step near the root. Of P proposals `left` arrive, those in `kept`
+    and the best of each island's offspring beside: before every joint the same share is left behind, those whose parts
+    so far explain least.
 
     Positions tried: the proposal's own, some near it, and stratified ones over the range, as many as bring the part
     within the tolerance of any place it can reach. Half of the proposals choose with some chance, so that a part that
@@ -91,6 +94,14 @@ def walk(
     )
     stays = np.zeros(count, dtype=bool)
     stays[kept] = True
+    # what hangs on a hidden root would be left behind before the part that is seen had its turn
+    holding = np.flatnonzero(proposals.held)
+    if len(holding):
+        part = proposals.held[holding]
+        part_poses[holding] = mrf.part_poses(proposals.roots[holding], joints[holding])
+        at = part_poses[holding, part]
+        unary[holding, part] = problem.unary(part.astype(np.int32), at, plan.tolerance, "splats", SEARCH_POINTS)
+    on_the_way = _on_the_way(mrf)
     going = np.arange(count)
     for place, number in enumerate(mrf.tree):
         if left is not None and left < count:
@@ -109,13 +120,23 @@ def walk(
         for rows, axes in trials:
             tried, score = judged(problem, number, part_poses[rows, edge.parent], axes, plan.tolerance)
             pick = _picked(rng, score, rows % 2 == 1)
-            pick[stays[rows]] = 0
+            pick[stays[rows] | on_the_way[proposals.held[rows], number]] = 0
             each = np.arange(len(rows))
             part_poses[rows, edge.child], unary[rows, edge.child] = tried[each, pick], score[each, pick]
             coordinates, positions = edge.joint_positions(axes[each, pick])
             joints[rows[:, None], coordinates] = positions
     arrived = Hypotheses(**vars(replace(proposals, joints=joints)), unary=unary, part_poses=part_poses)
     return arrived if left is None else arrived.taken(_ahead(unary, proposals.ancestor, stays, going, left))
+
+
+def _on_the_way(mrf: Mrf) -> NDArray[np.bool_]:
+    """(N, E): which edges lead from the root to each part."""
+    leads = np.zeros((mrf.nodes, len(mrf.model.edges)), dtype=bool)
+    for number in mrf.tree:
+        edge = mrf.model.edges[number]
+        leads[edge.child] = leads[edge.parent]
+        leads[edge.child, number] = True
+    return leads
 
 
 def _ahead(

@@ -104,24 +104,31 @@ def prior_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> Ar
     return poses.multiply(drawn, poses.inverse(pose_root_part))
 
 
-def fresh_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> tuple[Array, NDArray[np.uint8]]:
-    """Root poses (count, 7) that a search begins with, its joints at `joints` (count, D), and the source (count,) of
-    each, as in `Origin`: from matches of surface points; with a gaussian prior a few that are only drawn from it, as
-    nothing of the object may be seen there."""
+def fresh_roots(
+    rng: np.random.Generator, problem: Problem, joints: Array
+) -> tuple[Array, NDArray[np.uint8], NDArray[np.int64]]:
+    """Root poses (count, 7) that a search begins with, its joints at `joints` (count, D); the source (count,) of each,
+    as in `Origin`, and the part (count,) that they lay on the scan: from matches of surface points; with a gaussian
+    prior a few that are only drawn from it, as nothing of the object may be seen there: these lay the root."""
     source = np.full(len(joints), SURFACE, dtype=np.uint8)
     if isinstance(problem.prior, UniformPrior):
-        return matched_roots(rng, problem, joints), source
+        roots, part = matched_roots(rng, problem, joints)
+        return roots, source, part
     roots = prior_roots(rng, problem, joints)
     matched = round(MATCHED * len(roots))
-    roots[:matched] = _moved_onto_the_scan(rng, problem, roots[:matched], joints[:matched])
+    part = np.zeros(len(roots), dtype=np.int64)
+    roots[:matched], part[:matched] = _moved_onto_the_scan(rng, problem, roots[:matched], joints[:matched])
     source[matched:] = START
-    return roots, source
+    return roots, source, part
 
 
-def _moved_onto_the_scan(rng: np.random.Generator, problem: Problem, roots: Array, joints: Array) -> Array:
+def _moved_onto_the_scan(
+    rng: np.random.Generator, problem: Problem, roots: Array, joints: Array
+) -> tuple[Array, NDArray[np.int64]]:
     """Root poses (count, 7), drawn from the gaussian prior, each moved so that a random surface point of the object
-    lies on a point of the scan: one of some CANDIDATES, drawn by how well its normal agrees and by the prior at the
-    pose so moved. A point of the object that finds no such normal, for one that is turned away, is drawn again."""
+    lies on a point of the scan; and the part (count,) that it is on. The point of the scan is one of some CANDIDATES,
+    drawn by how well its normal agrees and by the prior at the pose so moved. A point of the object that finds no such
+    normal, for one that is turned away, is drawn again."""
     prior, observation = problem.prior, problem.observation
     assert not isinstance(prior, UniformPrior)
     part_poses = problem.mrf.part_poses(roots, joints)
@@ -130,9 +137,9 @@ def _moved_onto_the_scan(rng: np.random.Generator, problem: Problem, roots: Arra
     size = np.linalg.norm(middles - part_poses[:, [problem.prior_node], :3], axis=2) + problem.mrf.radii
     reach = FARTHEST * float(np.max(prior.std_xyz)) + float(size.max(initial=0.0))
     near = np.flatnonzero(np.linalg.norm(observation.points - problem.prior_pose[:3], axis=1) < reach)
-    moved = roots.copy()
+    moved, matched = roots.copy(), np.zeros(len(roots), dtype=np.int64)
     if not len(near):
-        return moved
+        return moved, matched
     # how well the normals agree, and the prior's density at the pose so moved: products of what a point of the scan
     # has and what one of the object has, up to what is the same for all candidates
     scaled = observation.points[near] / prior.std_xyz
@@ -150,16 +157,16 @@ def _moved_onto_the_scan(rng: np.random.Generator, problem: Problem, roots: Arra
         # the first of exponential clocks that run as fast as the weights
         chosen = (weights / rng.standard_exponential(weights.shape)).argmax(axis=1)
         at = near[seen[np.arange(len(waiting)), chosen]]
-        moved[waiting, :3] = roots[waiting, :3] + observation.points[at] - here
+        moved[waiting, :3], matched[waiting] = roots[waiting, :3] + observation.points[at] - here, part
         waiting = waiting[(observation.normals[at] * turned).sum(axis=1) < LEAST_AGREEMENT]
         if not len(waiting):
             break
-    return moved
+    return moved, matched
 
 
-def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> Array:
+def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> tuple[Array, NDArray[np.int64]]:
     """Root poses (count, 7) that lay a random oriented surface point of the object, its joints at `joints` (count, D),
-    on a random oriented point of the scan.
+    on a random oriented point of the scan; and the part (count,) that it is on.
 
     Upright: the yaw that turns the one normal's horizontal direction to the other's (any yaw where it is vertical);
     pairs whose inclinations differ are drawn again. Any orientation: the shortest rotation, after any turn about the
@@ -198,8 +205,8 @@ def matched_roots(rng: np.random.Generator, problem: Problem, joints: Array) -> 
     roots = np.concatenate([observation.points[seen] - poses.rotate(rotation, points), rotation], axis=-1)
     # a chain that is grown begins where its root is seen
     if prior.orientation == "any" or problem.grows:
-        return roots
-    return _stood(rng, problem, roots, seen, matched)
+        return roots, matched
+    return _stood(rng, problem, roots, seen, matched), matched
 
 
 def _stood(

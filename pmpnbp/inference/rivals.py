@@ -48,6 +48,7 @@ def look_alikes(
         joints=finalists.joints[parent],
         source=np.full(len(near), FLIP, dtype=np.uint8),
         ancestor=finalists.ancestor[parent],
+        held=np.zeros(len(near), dtype=np.int64),
     )
     tried = walk(rng, problem, proposals, plan)
     best = tried.unary.sum(axis=1).reshape(-1, PLACES).argmax(axis=1) + np.arange(len(places)) * PLACES

@@ -150,6 +150,10 @@ def _diffused(rng: np.random.Generator, state: State, problem: Problem, plan: Sc
     roots = poses.perturb(parents[ancestor, :7], far * noise[:, :3], turn, problem.mrf.centres[0])
     joints = within_limits(parents[ancestor, 7:] + moved * noise[:, 6:], model.lower, model.upper, model.wraps)
     proposals = Proposals(
-        roots=roots, joints=joints, source=np.full(count, OWN, dtype=np.uint8), ancestor=ancestor.astype(np.int32)
+        roots=roots,
+        joints=joints,
+        source=np.full(count, OWN, dtype=np.uint8),
+        ancestor=ancestor.astype(np.int32),
+        held=np.zeros(count, dtype=np.int64),
     )
     return proposals, slice(len(parents))

@@ -238,6 +238,7 @@ def hypotheses(scene: Problem, roots: Array, joints: Array) -> Hypotheses:
         joints=joints,
         source=np.full(len(roots), SURFACE, dtype=np.uint8),
         ancestor=np.arange(len(roots), dtype=np.int32),
+        held=np.zeros(len(roots), dtype=np.int64),
         unary=np.zeros((len(roots), scene.mrf.nodes)),
         part_poses=scene.mrf.part_poses(roots, joints),
     )

@@ -32,6 +32,7 @@ def proposals(rng: np.random.Generator, made: Problem, roots: Array) -> Proposal
         joints=initialisation.random_joints(rng, made, len(roots)),
         source=np.full(len(roots), SURFACE, dtype=np.uint8),
         ancestor=np.full(len(roots), -1, dtype=np.int32),
+        held=np.zeros(len(roots), dtype=np.int64),
     )
 
 
@@ -108,6 +109,28 @@ def snake(count: int) -> ArticulatedObject:
     )
     surfaces = {f"link{k}": bar for k in range(1, count)} | {"link0": foot}
     return worlds.articulated(list(bars.joints), surfaces | {f"link{count}": worlds.block([0.12, 0.09, 0.05])})
+
+
+def test_chains_that_end_in_one_region_leave_room_for_others(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two hundred good ends in one spot, which a lineage has room for, and some worse ones elsewhere."""
+    monkeypatch.setattr(chain_growth, "NEIGHBOURS", 5)
+    monkeypatch.setattr(chain_growth, "CHAINS", 30)
+    mrf = worlds.given_unary(worlds.hinged_chain(4), misleading, worlds.settings()).mrf
+    tried = np.tile(worlds.at(), (240, 1))
+    tried[:200, :3] += rng.uniform(-0.002, 0.002, (200, 3))
+    tried[200:, :3] += np.arange(1, 41)[:, None] * [0.5, 0.0, 0.0]
+    total, lineage = rng.permutation(240) / 240 + (np.arange(240) < 200), np.repeat([0, 1], 120)
+    lineage[200:] = np.tile([0, 1], 20)
+    chosen = chain_growth._going_on(rng, mrf, 3, tried, total, np.arange(240), lineage)
+    assert np.all(np.diff(total[chosen]) < 0)
+    for number in (0, 1):
+        own = chosen[lineage[chosen] == number]
+        # a spot lies in one cell or on the border of a few; all ends elsewhere had room
+        assert 5 <= np.sum(own < 200) <= 10 and np.sum(own >= 200) == 20
+        best = np.flatnonzero((lineage == number) & (np.arange(240) < 200))
+        assert own[0] == best[total[best].argmax()]
 
 
 def test_links_explain_a_pixel_once_and_those_without_a_place_none(rng: np.random.Generator) -> None:

@@ -53,16 +53,18 @@ def test_any_orientation_a_surface_point_meets_the_scans_and_their_normals_agree
     point, direction = np.array([0.4, -0.3, 1.2]), np.array(normal) / np.linalg.norm(normal)
     made = problem_of(point_seen(point, direction), UniformPrior("any"))
     joints = initialisation.random_joints(rng, made, 300)
-    roots = initialisation.matched_roots(rng, made, joints)
+    roots, part = initialisation.matched_roots(rng, made, joints)
     distance = surface_distance(MODEL.part_poses(roots, joints), point, direction)
     assert distance.min(axis=1).max() < 1e-6
+    by_part = distance.reshape(300, len(MODEL.parts), -1).min(axis=2)
+    assert by_part[np.arange(300), part].max() < 1e-6 and len(set(part)) == len(MODEL.parts)
 
 
 def test_upright_a_surface_point_meets_the_scans_and_its_normal_turns_to_it(rng: np.random.Generator) -> None:
     point, normal = np.array([0.4, -0.3, 1.2]), np.array([0.6, -0.8, 0.0])
     made = problem_of(point_seen(point, normal), UniformPrior("upright"))
     joints = initialisation.random_joints(rng, made, 300)
-    roots = initialisation.matched_roots(rng, made, joints)
+    roots, _ = initialisation.matched_roots(rng, made, joints)
     distance = surface_distance(MODEL.part_poses(roots, joints), point, normal).min(axis=1)
     # a pair whose inclinations differ is drawn again at most 12 times; about one in three faces fits at once
     assert np.mean(distance < 1e-6) > 0.97
@@ -88,7 +90,7 @@ def test_of_matches_of_upright_surfaces_half_stand_on_what_is_level(rng: np.rand
         # what is seen is so high above the floor
         seen = point_seen((above - 0.4) * direction + 0.2 * aside, normal, direction)
         made = problem_of(replace(seen, planes=np.array(planes)), UniformPrior("upright"))
-        roots = initialisation.matched_roots(rng, made, initialisation.random_joints(rng, made, 400))
+        roots, _ = initialisation.matched_roots(rng, made, initialisation.random_joints(rng, made, 400))
         # the cupboard's root is where it stands
         counts[name] = int(np.sum(np.abs(roots[:, :3] @ direction + 0.4) < 1e-9))
     assert abs(counts.pop("standing") - 400 * initialisation.STANDING) < 5 * np.sqrt(400 / 4)
@@ -102,14 +104,14 @@ def test_upright_means_along_the_scenes_up_with_any_yaw(rng: np.random.Generator
     made = problem_of(point_seen(np.ones(3), direction, direction), UniformPrior("upright"))
     joints = initialisation.random_joints(rng, made, 200)
     for drawn in (
-        initialisation.matched_roots(rng, made, joints),
+        initialisation.matched_roots(rng, made, joints)[0],
         initialisation.start(rng, made).belief.poses.reshape(-1, 7),
     ):
         np.testing.assert_allclose(
             poses.rotate(drawn[:, 3:], worlds.UP), np.tile(direction, (len(drawn), 1)), atol=1e-6
         )
     # a horizontal surface says nothing about the yaw: the turns point everywhere
-    heading = poses.rotate(initialisation.matched_roots(rng, made, joints)[:, 3:], worlds.X)
+    heading = poses.rotate(initialisation.matched_roots(rng, made, joints)[0][:, 3:], worlds.X)
     assert np.linalg.norm(heading.mean(axis=0)) < 0.25  # 200 uniform headings: a chance of e^-12.5
 
 
@@ -199,7 +201,7 @@ def test_a_part_that_is_not_visible_is_never_matched(rng: np.random.Generator) -
     assert [part.visible for part in model.parts] == [True, False, True, True]
     observation = point_seen(np.array([1.0, 0.0, 0.0]), np.array([-1.0, 0.0, 0.2]))
     made = problem.build(model, observation, UniformPrior("any"), worlds.settings(), particles=10)
-    roots = initialisation.matched_roots(rng, made, initialisation.random_joints(rng, made, 50))
+    roots, _ = initialisation.matched_roots(rng, made, initialisation.random_joints(rng, made, 50))
     assert np.all(np.isfinite(roots))
 
 
@@ -220,19 +222,21 @@ def test_with_a_prior_the_search_starts_on_the_scan_near_it(rng: np.random.Gener
     mean, point, normal = worlds.at(0.5, 0.2, 0.4), np.array([0.25, 0.2, 0.45]), np.array([-1.0, 0.0, 0.0])
     made = problem_of(point_seen(point, normal), gaussian(mean, 0.3, 0.05))
     joints = initialisation.random_joints(rng, made, 400)
-    roots, source = initialisation.fresh_roots(rng, made, joints)
+    roots, source, laid = initialisation.fresh_roots(rng, made, joints)
     matched = source == SURFACE
     assert set(source) == {SURFACE, START} and matched.mean() == initialisation.MATCHED
     placed = MODEL.part_poses(roots, joints)
     # the faces are turned by the prior's draws: to the nearest face, whichever way it looks
-    near = np.full(400, np.inf)
+    near, of_laid = np.full(400, np.inf), np.full(400, np.inf)
     for node, part in enumerate(MODEL.parts):
         lower, upper = part.mesh.vertices.min(axis=0), part.mesh.vertices.max(axis=0)
         local = poses.transform_points(poses.inverse(placed[:, node]), point)
         outside = np.linalg.norm(local - np.clip(local, lower, upper), axis=1)
         depth = np.minimum(local - lower, upper - local).min(axis=1)
-        near = np.minimum(near, np.where(outside > 0, outside, depth))
+        distance = np.where(outside > 0, outside, depth)
+        near, of_laid = np.minimum(near, distance), np.where(laid == node, distance, of_laid)
     assert near[matched].max() < 1e-6 < np.median(near[~matched])
+    assert of_laid[matched].max() < 1e-6 and len(set(laid[matched])) == len(MODEL.parts) and not np.any(laid[~matched])
     angle = poses.rotation_angle(roots[:, 3:], np.broadcast_to(mean[3:], (400, 4)))
     # the mean length of three deviates is 1.6 deviations
     assert abs(angle.mean() / (1.596 * 0.05) - 1) < 0.15
@@ -245,7 +249,7 @@ def test_with_a_prior_of_two_points_that_are_as_good_the_likelier_one_is_taken(r
     observation = Observation((), points, np.repeat(normal, 2, axis=0), np.zeros((0, 4)), worlds.UP, None)
     made = problem_of(observation, gaussian(mean, 0.2, 0.01))
     joints = np.zeros((1000, made.mrf.model.dof))
-    roots, source = initialisation.fresh_roots(rng, made, joints)
+    roots, source, _ = initialisation.fresh_roots(rng, made, joints)
     # a face on the second point leaves the root three deviations away or farther
     assert np.mean(roots[source == SURFACE, 0] > 0.0) > 0.9
 
@@ -253,7 +257,7 @@ def test_with_a_prior_of_two_points_that_are_as_good_the_likelier_one_is_taken(r
 def test_with_a_prior_far_from_all_that_was_seen_its_own_draws_remain(rng: np.random.Generator) -> None:
     made = problem_of(point_seen(np.array([9.0, 9.0, 9.0]), worlds.X), gaussian(worlds.at(0.5), 0.1, 0.1))
     joints = initialisation.random_joints(rng, made, 50)
-    roots, _ = initialisation.fresh_roots(rng, made, joints)
+    roots, _, _ = initialisation.fresh_roots(rng, made, joints)
     assert np.linalg.norm(roots[:, :3] - [0.5, 0.0, 0.0], axis=1).max() < 1.0
 
 

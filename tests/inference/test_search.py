@@ -51,6 +51,7 @@ def walked(
         joints=joints,
         source=np.full(count, SURFACE, dtype=np.uint8),
         ancestor=np.full(count, -1, dtype=np.int32),
+        held=np.zeros(count, dtype=np.int64),
     )
     return made, hypotheses.walk(rng, made, proposals, schedule(made.settings, 1)), joints
 
@@ -99,7 +100,8 @@ def test_of_a_walk_those_arrive_that_explain_most_and_all_that_must_not_get_lost
     roots[:10, 0] += 100.0
     ancestor = np.where(np.arange(count) < 100, -1, rng.integers(50, size=count)).astype(np.int32)
     joints, source = initialisation.random_joints(rng, made, count), np.full(count, OWN, dtype=np.uint8)
-    proposals = hypotheses.Proposals(roots=roots, joints=joints, source=source, ancestor=ancestor)
+    held = np.zeros(count, dtype=np.int64)
+    proposals = hypotheses.Proposals(roots=roots, joints=joints, source=source, ancestor=ancestor, held=held)
     arrived = hypotheses.walk(rng, made, proposals, schedule(made.settings, 1), kept, left)
     assert left <= len(arrived.roots) <= left + 5 + 50
     again = made.mrf.model.part_poses(arrived.roots, arrived.joints)
@@ -107,6 +109,53 @@ def test_of_a_walk_those_arrive_that_explain_most_and_all_that_must_not_get_lost
     for must in (roots[:10], roots[kept]):
         assert all((arrived.roots == one).all(axis=1).any() for one in must)
     assert set(ancestor) <= set(arrived.ancestor)
+
+
+def test_joints_up_to_a_part_that_is_held_stay_and_the_others_are_searched(rng: np.random.Generator) -> None:
+    model = worlds.star(3)
+    made = worlds.given_unary(model, likes_x, worlds.settings(), particles=20)
+    count = 60
+    roots = np.concatenate([rng.uniform(-1, 1, (count, 3)), poses.random_quaternions(rng, (count,))], axis=-1)
+    joints, held = initialisation.random_joints(rng, made, count), rng.integers(len(model.parts), size=count)
+    proposals = hypotheses.Proposals(
+        roots=roots,
+        joints=joints,
+        source=np.full(count, SURFACE, dtype=np.uint8),
+        ancestor=np.full(count, -1, dtype=np.int32),
+        held=held,
+    )
+    arrived = hypotheses.walk(rng, made, proposals, schedule(made.settings, 1))
+    stayed = np.isclose(arrived.joints, joints, rtol=0, atol=1e-9)
+    for edge in model.edges:
+        # all arms hang on the middle part
+        assert np.all(stayed[held == edge.child][:, edge.coordinates])
+        assert np.mean(stayed[held != edge.child][:, edge.coordinates]) < 0.8
+    np.testing.assert_allclose(arrived.unary, likes_x(np.arange(len(model.parts)), arrived.part_poses))
+
+
+def test_of_a_walk_those_arrive_that_hold_what_is_seen_however_hidden_the_root_is(rng: np.random.Generator) -> None:
+    """One of 400 has the last part where it explains something; of those that hold nothing twenty arrive by chance."""
+    model, seen = worlds.hinged_chain(4), np.array([3.0, 2.0, 1.0])
+
+    def last_is_seen(node: Array, part_poses: Array) -> Array:
+        gap = np.linalg.norm(part_poses[..., :3] - seen, axis=-1)
+        return np.where((node == 3) & (gap < 0.01), 50.0, 0.0)
+
+    made = worlds.given_unary(model, last_is_seen, worlds.settings(), particles=20)
+    count, right = 400, 237
+    roots = np.concatenate([rng.uniform(-1, 1, (count, 3)), poses.random_quaternions(rng, (count,))], axis=-1)
+    joints = initialisation.random_joints(rng, made, count)
+    roots[right, :3] += seen - model.part_poses(roots[right], joints[right])[3, :3]
+    proposals = hypotheses.Proposals(
+        roots=roots,
+        joints=joints,
+        source=np.full(count, SURFACE, dtype=np.uint8),
+        ancestor=np.full(count, -1, dtype=np.int32),
+        held=np.full(count, 3),
+    )
+    arrived = hypotheses.walk(rng, made, proposals, schedule(made.settings, 1), slice(0), 20)
+    assert len(arrived.roots) == 20 and arrived.unary.sum(axis=1).max() == 50.0
+    np.testing.assert_allclose(arrived.roots[arrived.unary.sum(axis=1).argmax()], roots[right])
 
 
 def test_ranked_puts_the_best_of_each_island_before_the_best_of_all() -> None:
@@ -325,7 +374,7 @@ def test_islands_go_a_step_of_registration_further(rng: np.random.Generator, sce
 
 
 def test_upright_the_search_starts_from_hypotheses_that_stand(rng: np.random.Generator, scene: Problem) -> None:
-    roots, source = initialisation.fresh_roots(rng, scene, initialisation.random_joints(rng, scene, 300))
+    roots, source, _ = initialisation.fresh_roots(rng, scene, initialisation.random_joints(rng, scene, 300))
     assert set(source) == {SURFACE}
     up = poses.rotate(roots[:, 3:], worlds.UP)
     np.testing.assert_allclose(up, np.tile(worlds.UP, (len(up), 1)), atol=1e-9)

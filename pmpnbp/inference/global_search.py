@@ -37,7 +37,8 @@ from pmpnbp.settings import Schedule
 
 # Of the proposals the share that descends from islands: this much, and this much more over the search, up to so much.
 OFFSPRING, MORE_OFFSPRING, MOST_OFFSPRING = 0.3, 0.6, 0.9
-# Of the others the share whose joints stay as they are up to the part that was laid on the scan.
+# Of the others the share whose joints stay as they are up to the part that was laid on the scan, unless a narrow prior
+# says where the root is.
 HELD = 0.5
 # Standard deviations of an offspring's move, in those of the diffusion: drawn evenly in the logarithm.
 SHORTEST_MOVE, LONGEST_MOVE = 0.1, 1.5
@@ -254,7 +255,7 @@ def _proposals(
         parents = parents[: max(offspring // 2, 1)]
     joints = random_joints(rng, problem, fresh)
     roots, source, matched = fresh_roots(rng, problem, joints)
-    held = np.where(rng.random(fresh) < HELD, matched, 0)
+    held = np.where(rng.random(fresh) < HELD, 0 if problem.narrow else matched, 0)
     new = Proposals(roots=roots, joints=joints, source=source, ancestor=np.full(fresh, -1, dtype=np.int32), held=held)
     if parents is None:
         return new, slice(0)

@@ -7,6 +7,10 @@ to start from alone, however the chain came there; so of all chains that end in 
 explains most goes on (dynamic programming, Viterbi 1967), and a wrong link costs a chain no more than it explains less.
 The best positions of all links together are found without looking ahead.
 
+What a chain explains is rendered whole after each link, and in the end. By the sum over its links a chain would do best
+that folds up: its links explain the same pixels once more, it lags behind the right one and has no link left for the
+far end.
+
 The root decides on all that follows and is seldom known well at first: a yaw wrong by a few degrees misses the far end.
 Chains grow from several places of it at once, each place a lineage with room of its own, from some variants of the
 place that compete within it.
@@ -30,8 +34,8 @@ from pmpnbp.settings import Schedule
 
 # Places of the root that chains grow from, and variants of each.
 LINEAGES, VARIANTS = 24, 16
-# Positions of a joint that a chain is tried at; chains of each place that go on after a link: as many as two links end
-# in.
+# Positions of a joint that a chain is tried at; chains of each place that go on after a link: as many as two links may
+# end in.
 DRAWS, CHAINS = 16, 256
 # No more of these than so many end in a cell so many metres wide: where a few links are hidden, those that run over
 # what is seen elsewhere would leave no room for the right ones.

@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 IDENTITY: Array = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+IDENTITY.setflags(write=False)
 ORIGIN: Array = np.zeros(3)
-for constant in (IDENTITY, ORIGIN):
-    constant.setflags(write=False)
+ORIGIN.setflags(write=False)
 
 
 @njit

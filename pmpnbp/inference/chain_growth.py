@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.hypotheses import SEARCH_POINTS, Hypotheses, Proposals, follows, judged
+from pmpnbp.inference.hypotheses import Hypotheses, Proposals, follows, judged, root_unary
 from pmpnbp.inference.mrf import LEAST_LEVER, Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.pairwise import stratified_axes
@@ -70,7 +70,7 @@ def grown(
     """The best chains that grow from `starts`, at most CHAINS of each `lineage` (P,)."""
     mrf, count = problem.mrf, len(starts.roots)
     unary, part_poses = np.zeros((count, mrf.nodes)), np.zeros((count, mrf.nodes, 7))
-    part_poses[:, 0], unary[:, 0] = starts.roots, _root_unary(problem, starts.roots, tolerance)
+    part_poses[:, 0], unary[:, 0] = starts.roots, root_unary(problem, starts.roots, tolerance)
     chains = Hypotheses(**vars(starts), unary=unary, part_poses=part_poses)
     start, placed = np.arange(count), {0}
     for place, number in enumerate(mrf.tree):
@@ -114,7 +114,7 @@ def _starts(rng: np.random.Generator, problem: Problem, proposals: Proposals, to
     for number, (apart, most) in enumerate(ROUNDS):
         if number:
             proposals = _moved(rng, problem, proposals, ABOUT, apart / 2)
-        score = _root_unary(problem, proposals.roots, tolerance)
+        score = root_unary(problem, proposals.roots, tolerance)
         if problem.prior_node == 0:
             score = problem.plus_prior(score, proposals.roots)
         ends = _cells(rng, problem.mrf, 0, proposals.roots, apart)
@@ -163,7 +163,7 @@ def _going_on(
     lineage: NDArray[np.int64],
 ) -> NDArray[np.int64]:
     """Rows, best first, of the best `total` (P,) of each of the `ends` (P,): at most CHAINS of a `lineage` (P,), and
-    NEIGHBOURS of these with `part`, which poses (…, 7) `tried` place, in one region."""
+    NEIGHBOURS of these with `part`, which poses (..., 7) `tried` place, in one region."""
     region = _cells(rng, mrf, part, tried, REGION).ravel() + lineage
     some = _best_of_each(total, ends, region, NEIGHBOURS)
     return some[_best_of_each(total[some], ends[some], lineage[some], CHAINS)]
@@ -178,8 +178,3 @@ def _best_of_each(score: Array, ends: NDArray[np.int64], lineage: NDArray[np.int
     sorted_lineage = lineage[order][by_lineage]
     rank = np.arange(len(order)) - np.searchsorted(sorted_lineage, sorted_lineage)
     return order[np.sort(by_lineage[rank < most])]
-
-
-def _root_unary(problem: Problem, roots: Array, tolerance: float) -> Array:
-    """log unary (P,) of the root part at poses (P, 7)."""
-    return problem.unary(np.zeros(len(roots), dtype=np.int32), roots, tolerance, "splats", SEARCH_POINTS)

@@ -255,7 +255,7 @@ def _proposals(
         parents = parents[: max(offspring // 2, 1)]
     joints = random_joints(rng, problem, fresh)
     roots, source, matched = fresh_roots(rng, problem, joints)
-    held = np.where(rng.random(fresh) < HELD, 0 if problem.narrow else matched, 0)
+    held = np.where(rng.random(fresh) < (0.0 if problem.narrow else HELD), matched, 0)
     new = Proposals(roots=roots, joints=joints, source=source, ancestor=np.full(fresh, -1, dtype=np.int32), held=held)
     if parents is None:
         return new, slice(0)

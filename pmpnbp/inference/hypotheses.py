@@ -88,10 +88,7 @@ def walk(
     joints = proposals.joints.copy()
     part_poses = np.zeros((count, mrf.nodes, 7))
     unary = np.zeros((count, mrf.nodes))
-    part_poses[:, 0] = proposals.roots
-    unary[:, 0] = problem.unary(
-        np.zeros(count, dtype=np.int32), proposals.roots, plan.tolerance, "splats", SEARCH_POINTS
-    )
+    part_poses[:, 0], unary[:, 0] = proposals.roots, root_unary(problem, proposals.roots, plan.tolerance)
     stays = np.zeros(count, dtype=bool)
     stays[kept] = True
     # what hangs on a hidden root would be left behind before the part that is seen had its turn
@@ -127,6 +124,11 @@ def walk(
             joints[rows[:, None], coordinates] = positions
     arrived = Hypotheses(**vars(replace(proposals, joints=joints)), unary=unary, part_poses=part_poses)
     return arrived if left is None else arrived.taken(_ahead(unary, proposals.ancestor, stays, going, left))
+
+
+def root_unary(problem: Problem, roots: Array, tolerance: float) -> Array:
+    """log unary (P,) of the root part at poses (P, 7)."""
+    return problem.unary(np.zeros(len(roots), dtype=np.int32), roots, tolerance, "splats", SEARCH_POINTS)
 
 
 def _on_the_way(mrf: Mrf) -> NDArray[np.bool_]:

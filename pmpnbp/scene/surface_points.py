@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,28 +43,30 @@ class Surface:
     """Meshes made ready to draw points from, triangle by triangle.
 
     corners : (F, 3, 3) metres; normals : (F, 3) outward, unit length; areas : (F,) square metres
-    up_to : (F,) the share of all areas that each and those before it have
     mesh : (F,) number of the mesh that each is of
     """
 
     corners: Array
     normals: Array
     areas: Array
-    up_to: Array
     mesh: NDArray[np.int64]
+
+    @cached_property
+    def area_up_to(self) -> Array:
+        """(F,) the share of all areas that each triangle and those before it have."""
+        up_to = np.cumsum(self.areas)
+        return up_to / up_to[-1:]
 
 
 def surface(meshes: Sequence[Mesh]) -> Surface:
     """The surface of meshes, each in its own frame."""
     cross = np.concatenate([_crosses(mesh) for mesh in meshes])
     length = np.linalg.norm(cross, axis=1)
-    up_to = np.cumsum(length)
     return Surface(
         np.concatenate([mesh.vertices[mesh.faces] for mesh in meshes]),
         # a face without area has no normal, and is never drawn
         cross / np.where(length > 0, length, 1.0)[:, None],
         length / 2,
-        up_to / up_to[-1:],
         np.repeat(np.arange(len(meshes)), [len(mesh.faces) for mesh in meshes]),
     )
 
@@ -71,7 +74,7 @@ def surface(meshes: Sequence[Mesh]) -> Surface:
 def drawn_points(rng: np.random.Generator, of: Surface, count: int) -> tuple[Array, Array, NDArray[np.int64]]:
     """Points and outward normals (count, 3), uniform over the surface, and the number of the mesh (count,) that each is
     on."""
-    face = np.searchsorted(of.up_to, rng.random(count), side="right")
+    face = np.searchsorted(of.area_up_to, rng.random(count), side="right")
     return _within(of.corners[face], rng.random((count, 2))), of.normals[face], of.mesh[face]
 
 

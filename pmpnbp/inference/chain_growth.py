@@ -13,7 +13,9 @@ far end.
 
 The root decides on all that follows and is seldom known well at first: a yaw wrong by a few degrees misses the far end.
 Chains grow from several places of it at once, each place a lineage with room of its own, from some variants of the
-place that compete within it.
+place that compete within it. The best of each are laid on the scan as they grow, root and joints together: what is
+learnt of the root far out comes too late for those that had another one, and the right chain would drift out of what is
+seen.
 """
 
 from __future__ import annotations
@@ -25,21 +27,24 @@ from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.hypotheses import Hypotheses, Proposals, follows, judged, root_unary
+from pmpnbp.inference.hypotheses import Hypotheses, Proposals, follows, judged, part_unary, root_unary
 from pmpnbp.inference.mrf import LEAST_LEVER, Mrf
 from pmpnbp.inference.problem import Problem
+from pmpnbp.inference.tree_estimate import polish
 from pmpnbp.potentials.pairwise import stratified_axes
 from pmpnbp.potentials.unary import object_scores
 from pmpnbp.settings import Schedule
 
 # Places of the root that chains grow from, and variants of each.
-LINEAGES, VARIANTS = 24, 16
+LINEAGES, VARIANTS = 16, 16
 # Positions of a joint that a chain is tried at; chains of each place that go on after a link: as many as two links may
 # end in.
 DRAWS, CHAINS = 16, 256
-# No more of these than so many end in a cell so many metres wide: where a few links are hidden, those that run over
-# what is seen elsewhere would leave no room for the right ones.
-REGION, NEIGHBOURS = 0.1, 16
+# A chain counts less by this share of the best score for each better one that ends in the same cell so many metres
+# wide: where a few links are hidden, chains that tell the same would leave no room for others.
+REGION, CROWDED = 0.1, 0.002
+# After every so many links so many of the best chains of each place are laid on the scan.
+LAID_EVERY, LAID = 2, 2
 # Metres: the tolerance that a link is judged at, at most. At a wider one a chain that winds explains as much as one
 # that follows.
 TOLERANCE = 0.03
@@ -57,25 +62,25 @@ VARIED = 0.008
 def grow(rng: np.random.Generator, problem: Problem, proposals: Proposals, plan: Schedule) -> tuple[Hypotheses, Array]:
     """Chains grown from the best places among the proposals' root poses; best ones of every place, in no order. And
     their log scores (P,), rendered whole."""
-    tolerance = min(plan.tolerance, TOLERANCE)
-    starts = _starts(rng, problem, proposals, tolerance)
+    plan = replace(plan, tolerance=min(plan.tolerance, TOLERANCE))
+    starts = _starts(rng, problem, proposals, plan.tolerance)
     lineage = np.repeat(np.arange(len(starts.roots)), VARIANTS)
-    chains = grown(rng, problem, _moved(rng, problem, starts, VARIANTS, VARIED), lineage, tolerance)
-    return chains, explained_together(problem, chains.part_poses, set(range(problem.mrf.nodes)), tolerance)
+    return grown(rng, problem, _moved(rng, problem, starts, VARIANTS, VARIED), lineage, plan)
 
 
 def grown(
-    rng: np.random.Generator, problem: Problem, starts: Proposals, lineage: NDArray[np.int64], tolerance: float
-) -> Hypotheses:
-    """The best chains that grow from `starts`, at most CHAINS of each `lineage` (P,)."""
-    mrf, count = problem.mrf, len(starts.roots)
+    rng: np.random.Generator, problem: Problem, starts: Proposals, lineage: NDArray[np.int64], plan: Schedule
+) -> tuple[Hypotheses, Array]:
+    """The best chains that grow from `starts`, at most CHAINS of each `lineage` (P,) and those laid on the scan last,
+    judged at the tolerance of the `plan`; and their log scores (P,), rendered whole."""
+    mrf, count, tolerance = problem.mrf, len(starts.roots), plan.tolerance
     unary, part_poses = np.zeros((count, mrf.nodes)), np.zeros((count, mrf.nodes, 7))
     part_poses[:, 0], unary[:, 0] = starts.roots, root_unary(problem, starts.roots, tolerance)
     chains = Hypotheses(**vars(starts), unary=unary, part_poses=part_poses)
     start, placed = np.arange(count), {0}
+    merit = explained_together(problem, part_poses, placed, tolerance)
     for place, number in enumerate(mrf.tree):
         edge = mrf.model.edges[number]
-        merit = explained_together(problem, chains.part_poses, placed, tolerance)
         if follows(mrf.model.edges, number):
             axes = edge.axis_positions(chains.joints)[:, None]
         else:
@@ -94,17 +99,41 @@ def grown(
         coordinates, positions = edge.joint_positions(axes[row, draw])
         chains.joints[:, coordinates] = positions
         placed.add(edge.child)
-    return chains
+        merit = explained_together(problem, chains.part_poses, placed, tolerance)
+        # what is laid on the scan is judged by the prior, too, which speaks of a part that has to be there
+        if place % LAID_EVERY == 0 and problem.prior_node in {-1, *placed}:
+            best = _best_of_each(merit, np.arange(len(merit)), lineage[start], LAID)
+            laid = _laid_on_the_scan(rng, problem, chains.taken(best), placed, plan)
+            chains, start = chains.joined(laid), np.concatenate([start, start[best]])
+            merit = np.concatenate([merit, explained_together(problem, laid.part_poses, placed, tolerance)])
+    return chains, merit
+
+
+def _laid_on_the_scan(
+    rng: np.random.Generator, problem: Problem, chains: Hypotheses, placed: set[int], plan: Schedule
+) -> Hypotheses:
+    """The chains, of which the parts `placed` count, one step of registration further."""
+    seen = replace(problem, surfaces=problem.surfaces.without(_not_in(problem, placed)))
+    roots, joints, _ = polish(rng, seen, chains.roots, chains.joints, plan, plan.tolerance, rounds=1, draws=False)
+    part_poses = problem.mrf.part_poses(roots, joints)
+    unary = part_unary(problem, part_poses, plan.tolerance)
+    unary[:, _not_in(problem, placed)] = 0.0
+    return replace(chains, roots=roots, joints=joints, part_poses=part_poses, unary=unary)
 
 
 def explained_together(problem: Problem, part_poses: Array, placed: set[int], tolerance: float) -> Array:
     """Log scores (P,) of objects of which only the parts `placed` are where `part_poses` (P, N, 7) says, and the others
     nowhere; the prior included where it speaks of one of them. What goes on beyond their outline may be the next
     part."""
-    surfaces = problem.surfaces.without([part for part in range(problem.mrf.nodes) if part not in placed])
+    surfaces = problem.surfaces.without(_not_in(problem, placed))
     pixel_score = replace(problem.score(tolerance), continued_reward=1.0)
     score = object_scores(problem.observation, surfaces, part_poses, pixel_score, problem.nuisances)
     return problem.plus_prior(score, part_poses[:, problem.prior_node]) if problem.prior_node in placed else score
+
+
+def _not_in(problem: Problem, placed: set[int]) -> list[int]:
+    """The other parts."""
+    return [part for part in range(problem.mrf.nodes) if part not in placed]
 
 
 def _starts(rng: np.random.Generator, problem: Problem, proposals: Proposals, tolerance: float) -> Proposals:
@@ -162,11 +191,12 @@ def _going_on(
     ends: NDArray[np.int64],
     lineage: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Rows, best first, of the best `total` (P,) of each of the `ends` (P,): at most CHAINS of a `lineage` (P,), and
-    NEIGHBOURS of these with `part`, which poses (..., 7) `tried` place, in one region."""
-    region = _cells(rng, mrf, part, tried, REGION).ravel() + lineage
-    some = _best_of_each(total, ends, region, NEIGHBOURS)
-    return some[_best_of_each(total[some], ends[some], lineage[some], CHAINS)]
+    """Rows of the best `total` (P,) of each of the `ends` (P,), at most CHAINS of a `lineage` (P,), best first; they
+    count less the more better ones place `part`, at poses (..., 7) `tried`, in the same region."""
+    best = _best_of_each(total, ends, np.zeros_like(ends), len(ends))
+    region = _cells(rng, mrf, part, tried, REGION).ravel()[best] + lineage[best]
+    merit = total[best] - CROWDED * abs(total.max()) * _places(region)
+    return best[_best_of_each(merit, np.arange(len(best)), lineage[best], CHAINS)]
 
 
 def _best_of_each(score: Array, ends: NDArray[np.int64], lineage: NDArray[np.int64], most: int) -> NDArray[np.int64]:
@@ -174,7 +204,12 @@ def _best_of_each(score: Array, ends: NDArray[np.int64], lineage: NDArray[np.int
     order = np.argsort(-score, kind="stable")
     _, first = np.unique(ends[order], return_index=True)
     order = order[np.sort(first)]
-    by_lineage = np.argsort(lineage[order], kind="stable")
-    sorted_lineage = lineage[order][by_lineage]
-    rank = np.arange(len(order)) - np.searchsorted(sorted_lineage, sorted_lineage)
-    return order[np.sort(by_lineage[rank < most])]
+    return order[_places(lineage[order]) < most]
+
+
+def _places(group: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How many of the same `group` (P,) come before each (P,)."""
+    by_group = np.argsort(group, kind="stable")
+    place = np.empty_like(by_group)
+    place[by_group] = np.arange(len(group)) - np.searchsorted(group[by_group], group[by_group])
+    return place

@@ -24,7 +24,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import log_weights as lw
 from pmpnbp.inference.belief import FLIP, OWN, Belief, IterationReport, Origin, State
 from pmpnbp.inference.chain_growth import grow
-from pmpnbp.inference.hypotheses import SEARCH_POINTS, Hypotheses, Proposals, distinct, ranked, walk
+from pmpnbp.inference.hypotheses import Hypotheses, Proposals, distinct, part_unary, ranked, walk
 from pmpnbp.inference.initialisation import fresh_roots, random_joints
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.rivals import turned, turning_axes
@@ -223,9 +223,7 @@ def _registered(
         rng, problem, roots[rows], joints[rows], plan, plan.tolerance, rounds=1, draws=False
     )
     part_poses[rows] = problem.mrf.part_poses(roots[rows], joints[rows])
-    nodes = np.tile(np.arange(problem.mrf.nodes, dtype=np.int32), len(rows))
-    part_scores = problem.unary(nodes, part_poses[rows].reshape(-1, 7), plan.tolerance, "splats", SEARCH_POINTS)
-    unary[rows] = part_scores.reshape(len(rows), -1)
+    unary[rows] = part_unary(problem, part_poses[rows], plan.tolerance)
     return replace(tried, roots=roots, joints=joints, part_poses=part_poses, unary=unary), score
 
 

@@ -131,6 +131,13 @@ def root_unary(problem: Problem, roots: Array, tolerance: float) -> Array:
     return problem.unary(np.zeros(len(roots), dtype=np.int32), roots, tolerance, "splats", SEARCH_POINTS)
 
 
+def part_unary(problem: Problem, part_poses: Array, tolerance: float) -> Array:
+    """log unary (P, N) of all parts at poses (P, N, 7)."""
+    nodes = np.tile(np.arange(problem.mrf.nodes, dtype=np.int32), len(part_poses))
+    score = problem.unary(nodes, part_poses.reshape(-1, 7), tolerance, "splats", SEARCH_POINTS)
+    return score.reshape(len(part_poses), -1)
+
+
 def _on_the_way(mrf: Mrf) -> NDArray[np.bool_]:
     """(N, E): which edges lead from the root to each part."""
     leads = np.zeros((mrf.nodes, len(mrf.model.edges)), dtype=bool)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from copy import deepcopy
 from dataclasses import replace
 from itertools import product
 
@@ -45,6 +47,9 @@ def sharing_no_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
         return found.sum(axis=1)
 
     monkeypatch.setattr(chain_growth, "explained_together", explained_together)
+    # nor is there a scan to be laid on
+    monkeypatch.setattr(chain_growth, "LAID_EVERY", 10**9)
+    monkeypatch.setattr(chain_growth, "_laid_on_the_scan", lambda rng, problem, chains, placed, plan: chains)
 
 
 def misleading(node: Array, part_poses: Array) -> Array:
@@ -62,13 +67,14 @@ def test_growing_puts_every_part_where_the_joints_say(rng: np.random.Generator, 
     made = worlds.given_unary(model, misleading, worlds.settings())
     roots = np.concatenate([rng.uniform(-1, 1, (6, 3)), poses.random_quaternions(rng, (6,))], axis=-1)
     lineage = np.repeat(np.arange(3), 2)
-    chains = chain_growth.grown(rng, made, proposals(rng, made, roots), lineage, 0.03)
+    chains, score = chain_growth.grown(rng, made, proposals(rng, made, roots), lineage, schedule(made.settings, 1))
     assert np.all((chains.joints >= model.lower - 1e-9) & (chains.joints <= model.upper + 1e-9))
     again = model.part_poses(chains.roots, chains.joints)
     np.testing.assert_allclose(chains.part_poses[..., :3], again[..., :3], atol=1e-9)
     assert poses.rotation_angle(chains.part_poses[..., 3:], again[..., 3:]).max() < 1e-7
     nodes = np.arange(len(model.parts))
     np.testing.assert_allclose(chains.unary, misleading(nodes, chains.part_poses), atol=1e-9)
+    np.testing.assert_allclose(score, chains.unary.sum(axis=1), atol=1e-9)
 
 
 @pytest.mark.usefixtures("sharing_no_pixels")
@@ -80,8 +86,9 @@ def test_it_finds_the_best_of_all_positions_where_a_walk_does_not(rng: np.random
     strata = (np.arange(chain_growth.DRAWS) + 0.5) / chain_growth.DRAWS
     every = model.lower + np.array(list(product(strata, repeat=3))) * (model.upper - model.lower)
     exhaustive = misleading(np.arange(4), model.part_poses(np.tile(root, (len(every), 1)), every)).sum(axis=1).max()
-    chains = chain_growth.grown(rng, made, proposals(rng, made, root), np.zeros(1, dtype=np.int64), 0.03)
-    assert len(chains.roots) <= chain_growth.CHAINS
+    lineage, plan = np.zeros(1, dtype=np.int64), schedule(made.settings, 1)
+    chains, _ = chain_growth.grown(rng, made, proposals(rng, made, root), lineage, plan)
+    assert len(chains.roots) <= chain_growth.CHAINS + chain_growth.LAID
     walked = hypotheses.walk(rng, made, proposals(rng, made, np.tile(root, (300, 1))), schedule(made.settings, 1))
     # a position is a random one of its stratum, and moves the last link by as much as 2 cm
     assert chains.unary.sum(axis=1).max() > exhaustive - 2.0
@@ -115,7 +122,7 @@ def test_chains_that_end_in_one_region_leave_room_for_others(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two hundred good ends in one spot, which a lineage has room for, and some worse ones elsewhere."""
-    monkeypatch.setattr(chain_growth, "NEIGHBOURS", 5)
+    monkeypatch.setattr(chain_growth, "CROWDED", 1.0)
     monkeypatch.setattr(chain_growth, "CHAINS", 30)
     mrf = worlds.given_unary(worlds.hinged_chain(4), misleading, worlds.settings()).mrf
     tried = np.tile(worlds.at(), (240, 1))
@@ -123,8 +130,19 @@ def test_chains_that_end_in_one_region_leave_room_for_others(
     tried[200:, :3] += np.arange(1, 41)[:, None] * [0.5, 0.0, 0.0]
     total, lineage = rng.permutation(240) / 240 + (np.arange(240) < 200), np.repeat([0, 1], 120)
     lineage[200:] = np.tile([0, 1], 20)
+    region = chain_growth._cells(deepcopy(rng), mrf, 3, tried, chain_growth.REGION)
     chosen = chain_growth._going_on(rng, mrf, 3, tried, total, np.arange(240), lineage)
-    assert np.all(np.diff(total[chosen]) < 0)
+    merit, better, room = total.copy(), Counter[tuple[int, int]](), {0: 30, 1: 30}
+    for row in sorted(range(240), key=lambda row: -total[row]):
+        where = int(region[row]), int(lineage[row])
+        merit[row] -= total.max() * better[where]
+        better[where] += 1
+    expected = []
+    for row in sorted(range(240), key=lambda row: -merit[row]):
+        if room[lineage[row]]:
+            expected.append(row)
+            room[lineage[row]] -= 1
+    assert chosen.tolist() == expected
     for number in (0, 1):
         own = chosen[lineage[chosen] == number]
         # a spot lies in one cell or on the border of a few; all ends elsewhere had room
@@ -154,6 +172,31 @@ def test_links_explain_a_pixel_once_and_those_without_a_place_none(rng: np.rando
     np.testing.assert_allclose([both[0], one[0], alone.sum() / 2], alone[0], rtol=1e-6)
 
 
+def test_laid_on_the_scan_what_is_placed_comes_nearer_to_its_place(rng: np.random.Generator) -> None:
+    """The root's turn with it, of which the first links say little and the far ones much."""
+    model, root, joints = snake(6), worlds.at(1.6, 0.1, 0.0, yaw=2.6), np.array([1.2, 0.2, -0.35, 0.15, 0.3, 0.1])
+    observation = worlds.seen(model, root, joints)
+    made = problem.build(model, observation, UniformPrior("upright"), worlds.settings(), particles=50)
+    yaw = np.linspace(-0.12, 0.12, 7)[:, None]
+    roots = poses.perturb(np.tile(root, (7, 1)), np.zeros((7, 3)), yaw * observation.up)
+    placed, truth, wrong = set(range(6)), model.part_poses(root, joints), np.append(joints[:5], -1.1)
+    starts = replace(proposals(rng, made, roots), joints=np.tile(wrong, (7, 1)))
+    before = hypotheses.Hypotheses(**vars(starts), unary=np.zeros((7, 7)), part_poses=model.part_poses(roots, wrong))
+    plan = replace(schedule(made.settings, 1), tolerance=0.03)
+    after = chain_growth._laid_on_the_scan(rng, made, before, placed, plan)
+    score = [chain_growth.explained_together(made, each.part_poses, placed, 0.03) for each in (before, after)]
+    assert np.all(score[1] >= score[0]) and np.all(score[0].max() - score[1] <= 0.6 * (score[0].max() - score[0]))
+    off = [np.linalg.norm(each.part_poses[:, 5, :3] - truth[5, :3], axis=1) for each in (before, after)]
+    assert off[0].max() > 0.02 and np.all(off[1] <= off[0] + 0.001) and off[1].mean() < 0.7 * off[0].mean()
+    np.testing.assert_allclose(after.part_poses, model.part_poses(after.roots, after.joints), atol=1e-12)
+    alone = made.unary(
+        np.tile(np.arange(6, dtype=np.int32), 7), after.part_poses[:, :6].reshape(-1, 7), 0.03, "splats", SEARCH_POINTS
+    )
+    np.testing.assert_allclose(after.unary[:, :6].ravel(), alone)
+    # the last link has no place, and is not drawn to where it is seen
+    assert np.all(after.unary[:, 6] == 0.0) and np.allclose(after.joints[:, 5], -1.1, atol=1e-6)
+
+
 def test_a_prior_of_the_root_counts_once(rng: np.random.Generator) -> None:
     """Not in the link's own log unary, to which it is added of whole chains."""
     model, root = snake(3), worlds.at(1.6, 0.1, 0.0, yaw=2.6)
@@ -164,7 +207,8 @@ def test_a_prior_of_the_root_counts_once(rng: np.random.Generator) -> None:
         for each in (prior, UniformPrior("upright"))
     )
     roots = poses.perturb(np.tile(root, (5, 1)), rng.normal(0, 0.01, (5, 3)), np.zeros((5, 3)))
-    chains = chain_growth.grown(rng, known, proposals(rng, known, roots), np.arange(5), 0.03)
+    plan = replace(schedule(known.settings, 1), tolerance=0.03)
+    chains, _ = chain_growth.grown(rng, known, proposals(rng, known, roots), np.arange(5), plan)
     alone = unknown.unary(np.zeros(len(chains.roots), dtype=np.int32), chains.roots, 0.03, "splats", SEARCH_POINTS)
     np.testing.assert_allclose(chains.unary[:, 0], alone)
     part_poses = model.part_poses(roots, np.zeros((5, model.dof)))

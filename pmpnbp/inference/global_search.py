@@ -180,7 +180,7 @@ def compared(
     if effort is None:
         renders = 7 + problem.mrf.model.dof
         first = best_first[: max(REGISTERED // (renders * problem.mrf.nodes), 1)]
-        tried, whole[first] = _registered(rng, problem, tried, leaders[first], plan)
+        tried, whole[first] = _registered(rng, problem, tried, leaders[first], whole[first], plan)
         total = problem.plus_prior(tried.unary.sum(axis=1), tried.part_poses[:, problem.prior_node])
         best_first = best_first[np.argsort(-whole[best_first], kind="stable")]
     else:
@@ -211,16 +211,17 @@ def compared(
 
 
 def _registered(
-    rng: np.random.Generator, problem: Problem, tried: Hypotheses, rows: NDArray[np.int64], plan: Schedule
+    rng: np.random.Generator, problem: Problem, tried: Hypotheses, rows: NDArray[np.int64], score: Array, plan: Schedule
 ) -> tuple[Hypotheses, Array]:
-    """Those tried, of which those at `rows` are one step of registration further, and the whole-object scores of these:
-    a few centimetres off, a right place is worth less than many a wrong one in the next iteration, which is stricter,
-    and its offspring, moved at random, seldom come nearer in all of its coordinates."""
+    """Those tried, of which those at `rows`, with whole-object scores `score` (R,), are one step of registration
+    further, and the scores of these then: a few centimetres off, a right place is worth less than many a wrong one in
+    the next iteration, which is stricter, and its offspring, moved at random, seldom come nearer in all of its
+    coordinates."""
     roots, joints, part_poses, unary = (
         each.copy() for each in (tried.roots, tried.joints, tried.part_poses, tried.unary)
     )
     roots[rows], joints[rows], score = polish(
-        rng, problem, roots[rows], joints[rows], plan, plan.tolerance, rounds=1, draws=False
+        rng, problem, roots[rows], joints[rows], plan, plan.tolerance, rounds=1, draws=False, score=score
     )
     part_poses[rows] = problem.mrf.part_poses(roots[rows], joints[rows])
     unary[rows] = part_unary(problem, part_poses[rows], plan.tolerance)

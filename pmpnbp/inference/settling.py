@@ -39,7 +39,7 @@ DECIDING_ROUNDS = 4
 class Settling:
     """How much is spent on the last word of the search.
 
-    finalists : hypotheses that are polished for a round; mistaken : those of them that others of the same look are made
+    finalists : hypotheses that are registered once; mistaken : those of them that others of the same look are made
     of; alike : how many of these are polished with them; stay : how many are left after it, and of these and as many
     with a joint elsewhere after another round; rounds : that those are polished for then; rivals, last_rounds : the
     distinct ones among them that are polished at the tight tolerance, and for how long
@@ -68,7 +68,7 @@ def settled(
     if effort.mistaken:
         first = finalists.taken(np.arange(min(effort.mistaken, len(finalists.roots))))
         finalists = finalists.joined(look_alikes(rng, problem, first, plan, effort.alike))
-    finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, 1)
+    finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, 1, draws=False)
     finalists = _promising(problem, finalists, score, plan, effort.stay)
     finalists = finalists.joined(_with_a_joint_elsewhere(rng, problem, finalists, plan, effort.stay))
     finalists, score = _polished(rng, problem, finalists, plan, plan.tolerance, 1)
@@ -166,9 +166,16 @@ def tight_tolerance(problem: Problem) -> float:
 
 
 def _polished(
-    rng: np.random.Generator, problem: Problem, tried: Hypotheses, plan: Schedule, tolerance: float, rounds: int
+    rng: np.random.Generator,
+    problem: Problem,
+    tried: Hypotheses,
+    plan: Schedule,
+    tolerance: float,
+    rounds: int,
+    *,
+    draws: bool = True,
 ) -> tuple[Hypotheses, Array]:
-    """Hypotheses moved to their best places at a tolerance, and their profile scores there."""
-    roots, joints, _ = polish(rng, problem, tried.roots, tried.joints, plan, tolerance, rounds)
+    """Hypotheses moved to their best places at a tolerance (`draws` as in `polish`), and their profile scores there."""
+    roots, joints, _ = polish(rng, problem, tried.roots, tried.joints, plan, tolerance, rounds, draws=draws)
     found = replace(tried, roots=roots, joints=joints, part_poses=problem.mrf.part_poses(roots, joints))
     return found, profile_scores(problem, roots, joints)

@@ -107,11 +107,13 @@ def polish(
     rounds: int,
     *,
     draws: bool = True,
+    score: Array | None = None,
 ) -> tuple[Array, Array, Array]:
     """Each of H configurations (H, 7), (H, D) in the best place that `rounds` of small variations find it: roots,
-    joints and scores (H,). draws : whether any are drawn at random, beside the steps of registration"""
+    joints and scores (H,). draws : whether any are drawn at random, beside the steps of registration; score : (H,) what
+    `configuration_scores` says of them, where that is known"""
     roots, joints = roots.copy(), joints.copy()
-    best = configuration_scores(problem, roots, joints, tolerance)
+    best = configuration_scores(problem, roots, joints, tolerance) if score is None else score.copy()
     rows = np.arange(len(roots))
     for _ in range(rounds):
         tried = [vary(rng, problem, roots, joints, VARIATIONS, plan)] if draws else []

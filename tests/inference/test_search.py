@@ -360,8 +360,10 @@ def test_islands_go_a_step_of_registration_further(rng: np.random.Generator, sce
     joints = np.tile(JOINTS, (6, 1))
     tried = worlds.hypotheses(scene, roots, joints)
     rows = np.array([4, 1, 3])
-    found, score = global_search._registered(rng, scene, tried, rows, plan)
     before = configuration_scores(scene, roots[rows], joints[rows], plan.tolerance)
+    known = before.copy()
+    found, score = global_search._registered(rng, scene, tried, rows, known, plan)
+    np.testing.assert_array_equal(known, before)
     assert np.all(score >= before) and np.median(score - before) > 0
     np.testing.assert_allclose(
         score, configuration_scores(scene, found.roots[rows], found.joints[rows], plan.tolerance)

@@ -113,11 +113,11 @@ def _laid_on_the_scan(
     rng: np.random.Generator, problem: Problem, chains: Hypotheses, placed: set[int], plan: Schedule
 ) -> Hypotheses:
     """The chains, of which the parts `placed` count, one step of registration further."""
-    seen = replace(problem, surfaces=problem.surfaces.without(_not_in(problem, placed)))
+    seen = replace(problem, surfaces=problem.surfaces.without(_without_a_place(problem, placed)))
     roots, joints, _ = polish(rng, seen, chains.roots, chains.joints, plan, plan.tolerance, rounds=1, draws=False)
     part_poses = problem.mrf.part_poses(roots, joints)
     unary = part_unary(problem, part_poses, plan.tolerance)
-    unary[:, _not_in(problem, placed)] = 0.0
+    unary[:, _without_a_place(problem, placed)] = 0.0
     return replace(chains, roots=roots, joints=joints, part_poses=part_poses, unary=unary)
 
 
@@ -125,14 +125,14 @@ def explained_together(problem: Problem, part_poses: Array, placed: set[int], to
     """Log scores (P,) of objects of which only the parts `placed` are where `part_poses` (P, N, 7) says, and the others
     nowhere; the prior included where it speaks of one of them. What goes on beyond their outline may be the next
     part."""
-    surfaces = problem.surfaces.without(_not_in(problem, placed))
+    surfaces = problem.surfaces.without(_without_a_place(problem, placed))
     pixel_score = replace(problem.score(tolerance), continued_reward=1.0)
     score = object_scores(problem.observation, surfaces, part_poses, pixel_score, problem.nuisances)
     return problem.plus_prior(score, part_poses[:, problem.prior_node]) if problem.prior_node in placed else score
 
 
-def _not_in(problem: Problem, placed: set[int]) -> list[int]:
-    """The other parts."""
+def _without_a_place(problem: Problem, placed: set[int]) -> list[int]:
+    """The parts that are not `placed`."""
     return [part for part in range(problem.mrf.nodes) if part not in placed]
 
 
@@ -195,7 +195,7 @@ def _going_on(
     count less the more better ones place `part`, at poses (..., 7) `tried`, in the same region."""
     best = _best_of_each(total, ends, np.zeros_like(ends), len(ends))
     region = _cells(rng, mrf, part, tried, REGION).ravel()[best] + lineage[best]
-    merit = total[best] - CROWDED * abs(total.max()) * _places(region)
+    merit = total[best] - CROWDED * abs(total.max()) * _rank_within(region)
     return best[_best_of_each(merit, np.arange(len(best)), lineage[best], CHAINS)]
 
 
@@ -204,10 +204,10 @@ def _best_of_each(score: Array, ends: NDArray[np.int64], lineage: NDArray[np.int
     order = np.argsort(-score, kind="stable")
     _, first = np.unique(ends[order], return_index=True)
     order = order[np.sort(first)]
-    return order[_places(lineage[order]) < most]
+    return order[_rank_within(lineage[order]) < most]
 
 
-def _places(group: NDArray[np.int64]) -> NDArray[np.int64]:
+def _rank_within(group: NDArray[np.int64]) -> NDArray[np.int64]:
     """How many of the same `group` (P,) come before each (P,)."""
     by_group = np.argsort(group, kind="stable")
     place = np.empty_like(by_group)

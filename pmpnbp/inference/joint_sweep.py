@@ -3,7 +3,10 @@
 A wrist found turned by half, or a head that looks up instead of down, is a place from which no small move leads out,
 and the search, which puts whole objects together from the root, seldom draws again only that joint. Here each joint
 in turn is put to positions all over its range, once with everything behind it carried along and once with it left as
-near to its place as the joints allow; and three joints in a row are moved where these leave all behind them in place.
+near to its place as the joints allow; three joints in a row are moved where these leave all behind them in place; and,
+without a narrow prior, each is moved with everything behind it put anew, as a walk does: what hides behind something
+may hide there because of a joint before it that is wrong.
+
 The best positions of each joint are polished before they are compared, as a joint in its right place is worth little
 until its neighbours have followed.
 """
@@ -14,6 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.belief import OWN
+from pmpnbp.inference.hypotheses import Proposals, walk
+from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import assemble, configuration_scores, polish, profile_scores
 from pmpnbp.inference.triple_moves import triple_moves
@@ -27,6 +33,8 @@ FEWEST, MOST = 12, 36
 PLACES, DIP = 2, 0.05
 # Joints whose best other position is polished, those of them that are polished on, and for how many rounds each.
 CANDIDATES, FINALISTS = 12, 2
+# Of joints with everything behind them put anew, so many.
+ANEW = 6
 ROUNDS, LAST_ROUNDS = 2, 6
 # A position is polished, and then polished on, where its score is worse than the present one by at most these shares.
 LOSS_BEFORE, LOSS_AFTER = 0.2, 0.05
@@ -40,6 +48,9 @@ def sweep(
     for _ in range(most):
         here = float(configuration_scores(problem, root[None], joints[None], plan.tolerance)[0])
         others, reached = (found[0] for found in elsewhere(rng, problem, root[None], joints[None], plan))
+        if not problem.narrow:
+            anew, its = with_those_behind_anew(rng, problem, root, joints, plan)
+            others, reached = np.concatenate([others, anew]), np.concatenate([reached, its])
         worth = np.argsort(-reached, kind="stable")[:CANDIDATES]
         worth = worth[reached[worth] > here - LOSS_BEFORE * abs(here)]
         if not len(worth):
@@ -79,12 +90,10 @@ def elsewhere(
     for number in mrf.tree:
         edge = model.edges[number]
         for coordinate in edge.coordinates:
-            lower, span = model.lower[coordinate], model.upper[coordinate] - model.lower[coordinate]
-            if not 0 < span < np.inf:
+            positions = _over_its_range(rng, problem, edge.child, coordinate, plan, many)
+            count = positions.shape[1]
+            if not count:
                 continue
-            lever = 2 * mrf.radii[edge.child] if problem.joint_turns[coordinate] else 1.0
-            count = int(np.clip(np.ceil(span * lever / plan.tolerance), FEWEST, MOST))
-            positions = lower + span * (np.arange(count) + rng.random((many, count))) / count
             carried = np.repeat(joints[:, None], count, axis=1)
             carried[..., coordinate] = positions
             moved = np.repeat(part_poses[:, None], count, axis=1)
@@ -113,6 +122,62 @@ def elsewhere(
     found.append(np.swapaxes(turned, 0, 1))
     scores.append(score.T)
     return np.swapaxes(np.concatenate(found), 0, 1), np.concatenate(scores).T
+
+
+def with_those_behind_anew(
+    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, plan: Schedule
+) -> tuple[Array, Array]:
+    """The ANEW best joint vectors (C, D) of a configuration (7,), (D,) with a joint anywhere in its range and those
+    behind it where a walk puts them, and their scores (C,). Where a part is hidden the next one has to follow, or
+    would be seen."""
+    mrf, behind = problem.mrf, _moved_behind(problem.mrf)
+    tried, held = [], []
+    for edge in (mrf.model.edges[number] for number in mrf.tree):
+        for coordinate in edge.coordinates if behind[edge.child].any() else ():
+            positions = _over_its_range(rng, problem, edge.child, coordinate, plan, 1)[0]
+            tried.append(np.tile(joints, (len(positions), 1)))
+            tried[-1][:, coordinate] = positions
+            held.append(np.full(len(positions), edge.child, dtype=np.int64))
+    count = sum(len(some) for some in tried)
+    if not count:
+        return np.empty((0, len(joints))), np.empty(0)
+    moved, part = np.concatenate(tried), np.concatenate(held)
+    proposals = Proposals(
+        roots=np.tile(root, (count, 1)),
+        joints=moved,
+        source=np.full(count, OWN, dtype=np.uint8),
+        ancestor=np.full(count, -1, dtype=np.int32),
+        held=part,
+    )
+    moved = np.where(behind[part], walk(rng, problem, proposals, plan).joints, moved)
+    score = configuration_scores(problem, proposals.roots, moved, plan.tolerance)
+    best = np.argsort(-score, kind="stable")[:ANEW]
+    return moved[best], score[best]
+
+
+def _moved_behind(mrf: Mrf) -> NDArray[np.bool_]:
+    """(N, D): the joint coordinates that move what hangs on each part."""
+    behind = np.zeros((mrf.nodes, mrf.model.dof), dtype=bool)
+    for number in reversed(mrf.tree):
+        edge = mrf.model.edges[number]
+        behind[edge.parent] |= behind[edge.child]
+        behind[edge.parent, edge.coordinates] = True
+    return behind
+
+
+def _over_its_range(
+    rng: np.random.Generator, problem: Problem, part: int, coordinate: int, plan: Schedule, many: int
+) -> Array:
+    """Stratified positions (many, C) all over the range of a joint that moves a part: as many as leave it no farther
+    than the tolerance from one of them, none without a range."""
+    model = problem.mrf.model
+    lower, span = model.lower[coordinate], model.upper[coordinate] - model.lower[coordinate]
+    if not 0 < span < np.inf:
+        return np.empty((many, 0))
+    lever = 2 * problem.mrf.radii[part] if problem.joint_turns[coordinate] else 1.0
+    count = int(np.clip(np.ceil(span * lever / plan.tolerance), FEWEST, MOST))
+    found: Array = lower + span * (np.arange(count) + rng.random((many, count))) / count
+    return found
 
 
 def _basin(score: Array, start: NDArray[np.int64], value: Array, most: Array, wraps: bool) -> NDArray[np.bool_]:

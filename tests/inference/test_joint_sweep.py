@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pmpnbp.inference import joint_sweep
 from pmpnbp.inference import problem as problems
-from pmpnbp.inference.joint_sweep import PLACES, elsewhere, sweep
+from pmpnbp.inference.joint_sweep import ANEW, PLACES, elsewhere, sweep, with_those_behind_anew
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores, polish, profile_scores
 from pmpnbp.scene.prior import UniformPrior
@@ -50,6 +52,39 @@ def test_the_truth_stays(chain: tuple[Problem, np.ndarray, np.ndarray]) -> None:
     _, found, score = sweep(np.random.default_rng(0), problem, root, truth, search_end(problem), 3)
     assert score >= before
     np.testing.assert_allclose(found, truth, atol=0.15)  # its wrong place is 1.2 away and more
+
+
+def test_joints_behind_a_moved_one_are_put_anew(chain: tuple[Problem, np.ndarray, np.ndarray]) -> None:
+    """Two in a row that are wrong are nearer to their place than any one moved alone."""
+    problem, root, truth = chain
+    plan, wrong = search_end(problem), np.array([truth[0], 1.1, -1.1])
+    found, score = with_those_behind_anew(np.random.default_rng(0), problem, root, wrong, plan)
+    assert len(found) == ANEW and np.all(np.diff(score) <= 0)
+    again = configuration_scores(problem, np.tile(root, (ANEW, 1)), found, plan.tolerance)
+    np.testing.assert_allclose(score, again)
+    model = problem.mrf.model
+    assert np.all((found >= model.lower) & (found <= model.upper))
+    # the last joint has none behind it, and one before the moved one stays
+    assert np.all(np.any(found[:, :2] != wrong[:2], axis=1))
+    _, alone = elsewhere(np.random.default_rng(0), problem, root[None], wrong[None], plan)
+    assert score[0] > alone.max() + 0.1 * abs(alone.max())
+
+
+def test_what_hangs_elsewhere_stays(rng: np.random.Generator) -> None:
+    """Of two arms on one block one moves, from its first joint or its second on."""
+    bars, block = worlds.hinged_chain(5), worlds.block([0.06, 0.05, 0.2], worlds.at(z=0.1))
+    joints = list(bars.joints)
+    joints[2] = replace(joints[2], parent="link0", pose_parent_joint=worlds.at(0.25, z=0.1))
+    model = worlds.articulated(joints, {f"link{k}": block for k in range(5)})
+    root, truth = worlds.at(1.3, z=0.4), np.full(model.dof, 0.3)
+    problem = problems.build(
+        model, worlds.seen(model, root, truth), UniformPrior("upright"), worlds.settings(), particles=40
+    )
+    found, _ = with_those_behind_anew(rng, problem, root, truth, search_end(problem))
+    assert len(found) == ANEW
+    moved = found != truth
+    assert np.all(moved[:, :2].any(axis=1) ^ moved[:, 2:].any(axis=1))
+    assert np.all(moved[:, [0, 2]].any(axis=1))
 
 
 def test_a_step_that_finds_no_better_place_is_the_last(

@@ -113,11 +113,12 @@ def _laid_on_the_scan(
     rng: np.random.Generator, problem: Problem, chains: Hypotheses, placed: set[int], plan: Schedule
 ) -> Hypotheses:
     """The chains, of which the parts `placed` count, one step of registration further."""
-    seen = replace(problem, surfaces=problem.surfaces.without(_without_a_place(problem, placed)))
+    gone = _without_a_place(problem, placed)
+    seen = replace(problem, surfaces=problem.surfaces.without(gone))
     roots, joints, _ = polish(rng, seen, chains.roots, chains.joints, plan, plan.tolerance, rounds=1, draws=False)
     part_poses = problem.mrf.part_poses(roots, joints)
     unary = part_unary(problem, part_poses, plan.tolerance)
-    unary[:, _without_a_place(problem, placed)] = 0.0
+    unary[:, gone] = 0.0
     return replace(chains, roots=roots, joints=joints, part_poses=part_poses, unary=unary)
 
 

@@ -33,9 +33,9 @@ FEWEST, MOST = 12, 36
 PLACES, DIP = 2, 0.05
 # Joints whose best other position is polished, those of them that are polished on, and for how many rounds each.
 CANDIDATES, FINALISTS = 12, 2
-# Of joints with everything behind them put anew, so many.
-ANEW = 6
 ROUNDS, LAST_ROUNDS = 2, 6
+# Candidates beside them whose parts behind the moved joint are put anew.
+ANEW = 6
 # A position is polished, and then polished on, where its score is worse than the present one by at most these shares.
 LOSS_BEFORE, LOSS_AFTER = 0.2, 0.05
 

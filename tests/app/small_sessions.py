@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import httpx
 
@@ -25,6 +27,8 @@ QUICK = {
 }
 # How often a member that changes by itself is looked at.
 PATIENCE = 0.02
+# Of a server's client: the model and the scan that `create` has uploaded there.
+_UPLOADED: WeakKeyDictionary[httpx.Client, dict[str, str]] = WeakKeyDictionary()
 
 
 def upload_model(client: httpx.Client) -> str:
@@ -54,12 +58,21 @@ def body(model_id: str, scan_id: str, **members: Any) -> dict[str, Any]:
 
 
 def create(client: httpx.Client, **members: Any) -> str:
-    """The path of a small session, made with model and scan of its own where none are named."""
-    model_id = members.pop("model_id", None) or upload_model(client)
-    scan_id = members.pop("scan_id", None) or upload_scan(client)
+    """The path of a small session. Where no model or scan is named it has those of the client's other sessions: to
+    read both, and to observe the scan, takes longer than the session's first iterations."""
+    model_id = members.pop("model_id", None) or _uploaded(client, "models", upload_model)
+    scan_id = members.pop("scan_id", None) or _uploaded(client, "scans", upload_scan)
     answer = client.post("/api/v1/sessions", json=body(model_id, scan_id, **members))
     assert answer.status_code == 201, answer.text
     return f"/api/v1/sessions/{answer.json()['id']}"
+
+
+def _uploaded(client: httpx.Client, kind: str, upload: Callable[[httpx.Client], str]) -> str:
+    """The id of what was uploaded before, if nobody has deleted it since."""
+    known = _UPLOADED.setdefault(client, {})
+    if kind not in known or client.get(f"/api/v1/{kind}/{known[kind]}").status_code != 200:
+        known[kind] = upload(client)
+    return known[kind]
 
 
 def after(client: httpx.Client, iterations: int, /, **members: Any) -> str:

@@ -28,10 +28,10 @@ from pmpnbp.scene.flying_pixels import NEIGHBOURS
 # measures there and by NOISY of the depths' own deviations, as neighbours err together, by steps of depth, the mesh and
 # what a pixel holds of another surface. All of an object's outlines are too far in or out by INWARD pixels, which a
 # free depth scale is taken in by. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
-EDGE, FACE, NOISY, INWARD = 0.5, 0.3, 1.25, 0.065
+EDGE, FACE, NOISY, INWARD = 0.46, 0.28, 1.15, 0.065
 # A part as a whole is off by so much of its radius, however many pixels tell of it, and where sizes are free by so much
 # more of what they may be: sizes along three axes are not all that may be wrong of a model.
-WHOLE, SHAPE = 0.0004, 0.04
+WHOLE, SHAPE = 0.00037, 0.04
 # A part is off on its own, and the object as one, by so many times the smooth error of depth that the scan's flat
 # surfaces show (`scene/depth_distortion.py`): that of it which is flat itself they do not.
 DISTORTED, AS_ONE = 1.25, 0.5

@@ -42,7 +42,7 @@ from pmpnbp.readout.posterior import Centre, ObjectMode, Posterior
 MODES, LEAST_WEIGHT = 6, 1e-4
 # Draws that are more nats better than the place they were drawn about are drawn about the best of them, so many times;
 # where nuisances are free, which the place does not take over, they may be better by those alone.
-SURPASSED, SURPASSED_BY_NUISANCES, MOVES = 15.0, 45.0, 6
+SURPASSED, SURPASSED_BY_NUISANCES, MOVES = 30.0, 45.0, 6
 
 
 def read_out(problem: Problem, report: IterationReport, checkpoint: Checkpoint = go_on) -> Posterior | None:

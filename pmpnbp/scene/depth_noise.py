@@ -33,7 +33,7 @@ LEAST = 1.5
 WIDEST = 1.7
 # So many times a pixel's own deviation is what the posterior has it tell where each errs on its own: pixels share what
 # steps of depth, outlines and the mesh do. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
-SHARED = 1.8
+SHARED = 1.25
 # Pixels from one to the next where neighbours err together, so that their differences have all of the error.
 LAGS = (2, 3, 4)
 

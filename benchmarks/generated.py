@@ -19,6 +19,7 @@ from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import IDENTITY, Array
 from pmpnbp.potentials.surfaces import prepare_surfaces
 from pmpnbp.potentials.unary import render
+from pmpnbp.scene.extent import length_of
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.urdf import load_model
@@ -98,7 +99,9 @@ def generated_case(kind: str, parts: int, settings: Settings) -> Case:
     ]
     everything = np.concatenate(corners)
     roi = np.concatenate([everything.min(axis=0) - MARGIN, everything.max(axis=0) + MARGIN])
-    observation = observe([Scan(camera, depth.astype(np.float32))], roi, width=settings.image_width)
+    observation = observe(
+        [Scan(camera, depth.astype(np.float32))], roi, width=settings.image_width, length=length_of(model)
+    )
     count = len(model.parts)
     return Case(
         f"{kind}_{parts}",

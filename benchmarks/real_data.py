@@ -22,6 +22,7 @@ from benchmarks.trials import PROJECT, Case, Trial, load_case, rough_prior, run_
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import IDENTITY, Array
 from pmpnbp.scene.articulated_object import ArticulatedObject
+from pmpnbp.scene.extent import length_of
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior
 from pmpnbp.scene.scan_files import load_scan
@@ -189,7 +190,7 @@ def _within_reach(whole: Case, robot: Robot, prior: GaussianPrior, folder: Path,
     """The case with its observation cropped to the robot's reach about the prior's base; shares as in the whole."""
     roi = np.tile(prior.pose_world_link[:3], 2) + np.array(robot.reach)
     scan = load_scan(folder / "depth.png", folder / "camera.json")
-    return replace(whole, observation=observe([scan], roi, width=settings.image_width))
+    return replace(whole, observation=observe([scan], roi, width=settings.image_width, length=length_of(whole.model)))
 
 
 def _judged(robot: Robot, scan: str, seed: int, case: Case, trial: Trial, reading: float) -> Run:

@@ -66,7 +66,13 @@ class SessionOptions:
 class Settings:
     """All settings, frozen. Build one with `preset` and `changed`."""
 
-    image_width: int = _setting(120, "pixels", "width of the working depth image, at most", low=16, high=1280)
+    image_width: int = _setting(
+        120,
+        "pixels",
+        "width of the working depth image, at most; twice that in a region much larger than the object",
+        low=16,
+        high=1280,
+    )
     triangles: int = _setting(
         500, "triangles", "triangle budget of a part's mesh in the inference", low=12, high=100_000
     )

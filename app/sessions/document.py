@@ -16,6 +16,7 @@ from pmpnbp.inference.arrival import Arrival, present
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.snapshot import Criteria
 from pmpnbp.recording import Inputs
+from pmpnbp.scene.extent import length_of
 from pmpnbp.scene.truth_file import truth_of
 from pmpnbp.settings import SessionOptions, Settings, changed, preset
 
@@ -90,7 +91,9 @@ def prepare(store: Store, document: Mapping[str, Any]) -> tuple[Problem, Inputs]
         method=document["method"],
         arrival=arrival,
         known_model=model,
-        known_observation=observation_of([store.file("scans", id) for id in ids], scans, roi, settings.image_width),
+        known_observation=observation_of(
+            [store.file("scans", id) for id in ids], scans, roi, settings.image_width, length_of(model)
+        ),
     )
 
 

@@ -43,11 +43,11 @@ def model_in(file: Path, triangles: int) -> ArticulatedObject:
 
 @cached(
     LRUCache(OBSERVATIONS),
-    key=lambda files, _, roi, width: (*map(_state, files), None if roi is None else tuple(roi), width),
+    key=lambda files, _, roi, width, length: (*map(_state, files), None if roi is None else tuple(roi), width, length),
     lock=Lock(),
 )
 def observation_of(
-    files: Sequence[Path], scans: Sequence[Scan], roi: Sequence[float] | None, width: int
+    files: Sequence[Path], scans: Sequence[Scan], roi: Sequence[float] | None, width: int, length: float
 ) -> Observation:
     """What `scans` make of the scene, which are read from `files`, as `scene.observe` has it. Raises ScanError."""
-    return observe(scans, None if roi is None else np.array(roi, dtype=np.float64), width=width)
+    return observe(scans, None if roi is None else np.array(roi, dtype=np.float64), width=width, length=length)

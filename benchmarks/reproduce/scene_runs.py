@@ -17,6 +17,7 @@ from pmpnbp.inference.belief import IterationReport
 from pmpnbp.readout.mixture import of_estimate
 from pmpnbp.readout.placement import Placement, place
 from pmpnbp.runs.run_log import Asked, Result
+from pmpnbp.scene.extent import length_of
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
@@ -159,7 +160,7 @@ def scene_case(scene: str, width: int, triangles: int, urdf: str | None = None, 
         return cases[0]
     scans = [scene_scan(one) for one in (scene, *views)]
     shares = np.max([case.shares for case in cases], axis=0)
-    return replace(cases[0], observation=observe(scans, roi, width=width), shares=shares)
+    return replace(cases[0], observation=observe(scans, roi, width=width, length=length_of(model)), shares=shares)
 
 
 @lru_cache(maxsize=8)

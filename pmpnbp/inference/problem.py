@@ -20,9 +20,9 @@ from pmpnbp.potentials.surfaces import Surfaces, prepare_surfaces
 from pmpnbp.potentials.unary import PixelScore, Renderer, unary_scores
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.depth_noise import depth_noise
+from pmpnbp.scene.extent import length_of, lengths_along_root
 from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.observe import without_longer_surfaces
-from pmpnbp.scene.patches import length
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.scene.sizes import resized
 from pmpnbp.settings import Schedule, SessionOptions, Settings, check_method, schedule
@@ -245,10 +245,10 @@ def build(
     for edge in model.edges:
         turns[edge.coordinates] |= edge.revolute
     if settings.continued_reward < 1.0:
-        observation = without_longer_surfaces(observation, LONGER * _length(model))
+        observation = without_longer_surfaces(observation, LONGER * length_of(model))
     mrf, views = mrf_module.build(model), observation.views
     distances = np.array([view.distance or 1.0 for view in views])
-    levers = nuisances.levers(distances, _lengths(model))
+    levers = nuisances.levers(distances, np.maximum(lengths_along_root(model), mrf_module.LEAST_LEVER))
     nuisance_std = nuisances.prior_stds(settings, levers, len(views))
     noises = [depth_noise(view, settings.sensor) for view in views]
     return Problem(
@@ -290,28 +290,6 @@ def _moved_on(prior: GaussianPrior, model: ArticulatedObject, settings: Settings
             for name, (position, std) in prior.joints.items()
         },
     )
-
-
-def _length(model: ArticulatedObject) -> float:
-    """Metres from one end to the other of the longest part, or of the object at rest where that is longer."""
-    clouds = _at_rest(model)
-    return max(map(length, [*clouds, np.concatenate(clouds)])) if clouds else np.inf
-
-
-def _lengths(model: ArticulatedObject) -> Array:
-    """(3,) metres: how far the object at rest and the root part's origin are from end to end along that part's axes."""
-    reach: Array = np.ptp(np.concatenate([np.zeros((1, 3)), *_at_rest(model)]), axis=0)
-    return np.maximum(reach, mrf_module.LEAST_LEVER)
-
-
-def _at_rest(model: ArticulatedObject) -> list[Array]:
-    """Of each part that has a surface, its vertices (V, 3) in the root part's frame, joints at rest."""
-    at_rest = model.part_poses(poses.IDENTITY, np.clip(0.0, model.lower, model.upper))
-    return [
-        poses.transform_points(pose, part.mesh.vertices)
-        for pose, part in zip(at_rest, model.parts, strict=True)
-        if len(part.mesh.vertices)
-    ]
 
 
 def _narrowed(model: ArticulatedObject, known: dict[int, tuple[float, float]]) -> ArticulatedObject:

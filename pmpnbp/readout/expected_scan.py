@@ -171,12 +171,13 @@ def hidden(scan: ExpectedScan, probed: Probed) -> Array:
     grain, whatever its pixels tell."""
     problem, here, finer = scan.problem, probed.parts[:, 0], float(np.sqrt(scan.share))
     told, noise = [], float(noise_apart(problem)[0])
-    radii, distortion = problem.mrf.radii, problem.observation.views[0].distortion
+    radii, first = problem.mrf.radii, problem.observation.views[0]
+    distortion, binned = first.distortion, first.binned
     every = poses.transform_points(here, problem.mrf.centres)
     for middles, maps in zip(every, _seen(scan, here, np.zeros(len(problem.nuisance_std))), strict=True):
         depth, number = render(scan.camera, problem.surfaces, maps)
         shown = (depth > 0) & (depth <= scan.hidden.reshape(depth.shape))
-        seen = told_of_parts(scan.camera, depth, number, shown, middles, problem.tolerance_end, noise, finer)
+        seen = told_of_parts(scan.camera, depth, number, shown, middles, problem.tolerance_end, noise, finer, binned)
         told.append(distorted(seen, scan.camera, distortion, middles, radii))
     unknown = distorted_as_one(scan.camera, distortion, every, radii, 0, probed.steps.shape[1])
     return hidden_by_grain(problem.mrf, probed.parts, probed.steps, [(np.array(told), unknown)], shape(problem))

@@ -24,14 +24,15 @@ from pmpnbp.readout.held_part import LITTLE, Held, shown
 from pmpnbp.scene.depth_noise import told_noise
 from pmpnbp.scene.flying_pixels import NEIGHBOURS
 
-# Standard deviations: an outline's pixel is off across it by EDGE pixels; a surface's depth by FACE of what a pixel
-# measures there and by NOISY of the depths' own deviations, as neighbours err together, by steps of depth, the mesh and
-# what a pixel holds of another surface. All of an object's outlines are too far in or out by INWARD pixels, which a
-# free depth scale is taken in by. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
-EDGE, FACE, NOISY, INWARD = 0.46, 0.28, 1.15, 0.065
-# A part as a whole is off by so much of its radius, however many pixels tell of it, and where sizes are free by so much
-# more of what they may be: sizes along three axes are not all that may be wrong of a model.
-WHOLE, SHAPE = 0.00037, 0.04
+# Standard deviations: an outline's pixel is off across it by EDGE pixels, and a surface's depth by FACE of what a pixel
+# measures there, divided by the square root of how many of the scan's are one, for these are off themselves; and by
+# NOISY of the depths' own deviations, as neighbours err together, by steps of depth, the mesh and what a pixel holds of
+# another surface. All of an object's outlines are too far in or out by INWARD pixels, which a free depth scale is taken
+# in by. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
+EDGE, FACE, NOISY, INWARD = 1.1, 0.68, 1.2, 0.065
+# A part as a whole is off by so many metres and by so much of its radius, however many pixels tell of it, and where
+# sizes are free by so much more of what they may be: sizes along three axes are not all that may be wrong of a model.
+LEAST, WHOLE, SHAPE = 0.0001, 0.0003, 0.04
 # A part is off on its own, and the object as one, by so many times the smooth error of depth that the scan's flat
 # surfaces show (`scene/depth_distortion.py`): that of it which is flat itself they do not.
 DISTORTED, AS_ONE = 1.25, 0.5
@@ -66,7 +67,9 @@ def grain(problem: Problem, place: Held) -> Array:
         if view.distance <= 0:
             continue
         near = shown(problem, view, depth)
-        in_view = told_of_parts(view.camera, depth, number, near, middles, problem.tolerance_end, float(noise[camera]))
+        in_view = told_of_parts(
+            view.camera, depth, number, near, middles, problem.tolerance_end, float(noise[camera]), 1.0, view.binned
+        )
         in_view = distorted(in_view, view.camera, view.distortion, middles, mrf.radii)
         unknown = distorted_as_one(view.camera, view.distortion, middles[None], mrf.radii, place.part, size)
         if offset_stds[camera].any():
@@ -127,6 +130,7 @@ def told_of_parts(
     tolerance: float,
     noise: float,
     finer: float = 1.0,
+    binned: int = 1,
 ) -> Array:
     """(N, 6, 6) Fisher information of parts' translations, metres, and rotation vectors about their `middles` (N, 3) in
     world: what those pixels of a render tell that are `shown` (h, w).
@@ -134,16 +138,18 @@ def told_of_parts(
     depth, number : (h, w) of the render, metres and parts; tolerance : metres; noise : metres, of a depth that errs on
     its own
     finer : the pixels of the image that is scored are so many times narrower than the camera's
+    binned : so many pixels of the scan, across and down, are one of the image that is scored
     """
+    pixel = 1 / (camera.fx * finer * np.sqrt(binned))
     (row, column), across = outlines(depth, shown, tolerance)
     x, y, _ = _rays(camera, (row, column)).T
     aside = np.stack([across[:, 0], across[:, 1], -(across[:, 0] * x + across[:, 1] * y)], axis=1)
     # of a pixel of outline the image that is scored has `finer`, of a surface's as many squared
-    off = EDGE * depth[row, column, None] / camera.fx / finer
+    off = EDGE * depth[row, column, None] * pixel
     found = _gathered(camera, depth, number, (row, column), np.sqrt(finer) * aside / off, middles)
     (row, column), normals = facing(camera, depth, number, shown)
     z = depth[row, column, None].astype(np.float64)
-    off = np.hypot(FACE * z / camera.fx / finer, noise)
+    off = np.hypot(FACE * z * pixel, noise)
     return found + _gathered(camera, depth, number, (row, column), finer * z * normals / off, middles)
 
 
@@ -293,7 +299,7 @@ def hidden_by_grain(mrf: Mrf, parts: Array, steps: Array, views: Sequence[tuple[
 def _of_coordinates(mrf: Mrf, slopes: Array, told: Array, astray: Array) -> Array:
     """(T, P, P) information of P coordinates by whose slopes (T, P, N, 6) parts are moved of which is `told`."""
     own = np.zeros((mrf.nodes, 6))
-    own[:, :3] = (astray**2 + (WHOLE * mrf.radii) ** 2)[:, None]
+    own[:, :3] = (astray**2 + LEAST**2 + (WHOLE * mrf.radii) ** 2)[:, None]
     # of points along a line as far as the radius to both sides, turned, as much in the mean square
     own[:, 3:] = 3 * own[:, :3] / np.maximum(mrf.radii[:, None], LITTLE) ** 2
     told = np.asarray(np.linalg.solve(np.eye(6) + told * own[:, None, :], told), dtype=np.float64)

@@ -26,6 +26,7 @@ from pmpnbp.names import name_fault
 from pmpnbp.recording.changes import changes, first_scans
 from pmpnbp.recording.scans import store_scan
 from pmpnbp.scene.articulated_object import ArticulatedObject
+from pmpnbp.scene.extent import length_of
 from pmpnbp.scene.model_files import ModelLimits, open_model
 from pmpnbp.scene.observation import Observation, Scan
 from pmpnbp.scene.observe import observe
@@ -54,7 +55,9 @@ class Inputs:
         """The problem these make; `model` is what is in their file, `observation` what is seen in their scans, where
         that is known already. Raises PmpnbpError where they make none."""
         model = model or load_model(self.model, triangle_budget=self.settings.triangles)
-        observation = observation or observe(self.scans, self.roi, width=self.settings.image_width)
+        observation = observation or observe(
+            self.scans, self.roi, width=self.settings.image_width, length=length_of(model)
+        )
         return problem_module.build(
             model,
             observation,

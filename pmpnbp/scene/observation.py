@@ -48,6 +48,7 @@ class View:
         but outside the region of interest), CONTINUED (on a smooth surface longer than any part of the object)
     normals : (h, w, 3) float32, in the camera frame, towards the camera; zero where unknown
     distortion : deviation of smooth errors of the depth, as a share of it, see `scene/depth_distortion.py`
+    binned : so many pixels of the scan, across and down, are one of these
     """
 
     camera: Camera
@@ -56,6 +57,7 @@ class View:
     normals: NDArray[np.float32]
     turn: float = 0.0
     distortion: float = 0.0
+    binned: int = 1
 
     @cached_property
     def pose_world_scan(self) -> Array:

@@ -53,6 +53,7 @@ def observe(
     roi: Array | None = None,
     *,
     width: int = 160,
+    length: float = np.inf,
     up: Array | None = None,
     plane_tolerance: float = PLANE_TOLERANCE,
     plane_tolerance_growth: float = PLANE_TOLERANCE_GROWTH,
@@ -61,6 +62,7 @@ def observe(
 
     roi : (6,) x0 y0 z0 x1 y1 z1, metres, world: the box that holds the object; None for everything that was seen
     width : pixels, the most that the region and its margin have across or down in the work image, see `work_image`
+    length : metres, of the object looked for, see `extent.length_of`; a region that is much longer has finer pixels
     up : (3,) world, away from the ground; where it is not given: the world's z where a scan has a camera pose, else the
         normal of the plane that looks like a floor, else the picture's upward direction
     plane_tolerance, plane_tolerance_growth : metres, and metres per metre of depth squared: a pixel is on a support
@@ -75,7 +77,7 @@ def observe(
     roi = None if roi is None else _checked_roi(roi)
     margin = 0 if roi is None else min(MARGIN, width // MARGIN_SHARE)
     scans = [replace(scan, depth=without_flying_pixels(scan.depth)) for scan in scans]
-    images = [work_image(scan, _in_region(scan, roi), width, margin) for scan in scans]
+    images = [work_image(scan, _in_region(scan, roi), width, margin, length) for scan in scans]
     if all(image is None for image in images):
         raise ScanError(_nothing_in(scans, roi))
     scene = scene_points(scans, roi, plane_tolerance, plane_tolerance_growth)
@@ -234,7 +236,7 @@ def _view(
     normals = surface_normals(depth, camera)
     for array in (depth, category, normals):
         array.setflags(write=False)
-    view = View(camera, depth, category, normals, image.turn, distortion)
+    view = View(camera, depth, category, normals, image.turn, distortion, image.binned)
     return _without_flush_patches(view, others, planes[upright])
 
 

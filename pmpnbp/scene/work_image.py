@@ -1,5 +1,6 @@
 """At which size is a scan looked at? Its region of interest with a margin, because the free space around an object is
-evidence too, in pixels each of which has the depth that most of a block of the scan's have, told for its middle.
+evidence too, in pixels each of which has the depth that most of a block of the scan's have, told for its middle. In a
+region that is much larger than the object the pixels are smaller, so that the object has as many as in a tight one.
 
 The pixels are turned against the scan's, by no angle that a whole number of them makes. Edges of furniture are upright
 and level, and so are they in most pictures: along a row of pixels all of an edge's would be on the same side of it, and
@@ -8,6 +9,7 @@ tell its place no better than one of them does. Across turned rows they tell it 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
@@ -26,6 +28,9 @@ Aside = tuple[NDArray[np.floating], NDArray[np.floating]]
 # Radians, of which the tangent is the square of the golden section's smaller part: multiples of it are spread as evenly
 # over a pixel as can be.
 TURN = float(np.arctan((3 - np.sqrt(5)) / 2))
+# What is looked for fills a region that is up to so many times as long. In a larger one pixels are smaller, as in one
+# of so many times its length, but by no more than the second number.
+FILLED, FINER = 2.0, 2.0
 # What is fewer blocks across or down is a strip.
 STRIP = 4
 # Measurements are of one surface where they differ from their median by a smaller share, or by so many deviations of
@@ -41,27 +46,44 @@ LEVEL = 0.003
 @dataclass(frozen=True)
 class WorkImage:
     """camera : of the small image; depth : (h, w) float32, metres, 0 where nothing was measured; turn : radians that
-    the camera is turned about its axis against the scan's."""
+    the camera is turned about its axis against the scan's; binned : so many of the scan's pixels, across and down, are
+    one of these."""
 
     camera: Camera
     depth: NDArray[np.float32]
     turn: float
+    binned: int
 
 
-def work_image(scan: Scan, wanted: NDArray[np.bool_], width: int, margin: int) -> WorkImage | None:
+def work_image(
+    scan: Scan, wanted: NDArray[np.bool_], width: int, margin: int, length: float = np.inf
+) -> WorkImage | None:
     """The image of what is `wanted` (height, width) of a scan and of `margin` pixels around it, binned by a whole
-    factor, so that it has at most `width` pixels across or down before it is turned. What is small enough as it is, or
-    a strip, is only cropped. None where nothing is wanted."""
+    factor, so that it has at most `width` pixels across or down before it is turned, and up to FINER times as many
+    where it is more than FILLED times as long as the object looked for, `length` metres. What is small enough as it is,
+    or a strip, is only cropped. None where nothing is wanted."""
     rows, columns = np.flatnonzero(wanted.any(axis=1)), np.flatnonzero(wanted.any(axis=0))
     if len(rows) == 0:
         return None
     height, breadth = int(rows[-1] - rows[0]) + 1, int(columns[-1] - columns[0]) + 1
-    factor = -(-max(height, breadth) // (width - 2 * margin))
+    across = max(height, breadth)
+    finer = min(max(across / (FILLED * _seen_length(scan, wanted, length)), 1.0), FINER)
+    factor = math.ceil(across / finer / (width - 2 * margin))
     if factor > 1 and min(height, breadth) >= STRIP * factor:
         return _turned(scan, wanted, rows, factor, margin)
     first, left = max(int(rows[0]) - margin, 0), max(int(columns[0]) - margin, 0)
     depth = scan.depth[first : int(rows[-1]) + 1 + margin, left : int(columns[-1]) + 1 + margin].astype(np.float32)
-    return WorkImage(scan.camera.binned(left, first, 1, depth.shape[1], depth.shape[0]), depth, 0.0)
+    return WorkImage(scan.camera.binned(left, first, 1, depth.shape[1], depth.shape[0]), depth, 0.0, 1)
+
+
+def _seen_length(scan: Scan, wanted: NDArray[np.bool_], length: float) -> float:
+    """Pixels of the scan, 1 at the least, that are as long as `length` metres at the median depth of what is `wanted`
+    (height, width)."""
+    depth = scan.depth[wanted]
+    measured = depth[depth > 0]
+    if not len(measured):
+        return np.inf
+    return max(max(scan.camera.fx, scan.camera.fy) * length / float(np.median(measured)), 1.0)
 
 
 def _turned(scan: Scan, wanted: NDArray[np.bool_], rows: NDArray[np.int64], factor: int, margin: int) -> WorkImage:
@@ -91,7 +113,8 @@ def _turned(scan: Scan, wanted: NDArray[np.bool_], rows: NDArray[np.int64], fact
     depth = block_depths(scan.depth[down, across].ravel()[held], block, w * h, factor * factor, aside)
     about = np.concatenate([np.zeros(3), poses.from_rotation_vector(np.array([0.0, 0.0, TURN]))])
     pose = poses.multiply(np.asarray(camera.pose_world_camera, dtype=np.float64), about)
-    return WorkImage(Camera(w, h, focal, focal, float(-left), float(-top), pose), depth.reshape(h, w), TURN)
+    small = Camera(w, h, focal, focal, float(-left), float(-top), pose)
+    return WorkImage(small, depth.reshape(h, w), TURN, factor)
 
 
 def block_depths(

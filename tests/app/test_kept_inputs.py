@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.sessions.document import prepare
 from app.sessions.kept_inputs import MODEL_BYTES, model_in, observation_of
 from pmpnbp.errors import ModelError
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.scan_files import load_scan
-from tests.app.small_sessions import CABINET, ROI
+from tests.app.small_sessions import CABINET, ROI, body, upload_model, upload_scan
+from tests.servers import Served
 
 
 @pytest.fixture
@@ -44,19 +46,31 @@ def test_a_model_that_takes_much_is_read_each_time(model_file: Path, monkeypatch
 def test_a_scene_is_observed_again_where_anything_of_it_is_another(tmp_path: Path) -> None:
     files = [Path(shutil.copy(CABINET / "open" / "depth.png", tmp_path / f"{name}.png")) for name in ("one", "two")]
     scan = load_scan(CABINET / "open" / "depth.png", CABINET / "open" / "camera.json")
-    first = observation_of(files[:1], [scan], ROI, 80)
-    assert observation_of(files[:1], [scan], tuple(ROI), 80) is first
-    expected = observe([scan], np.array(ROI), width=80)
+    first = observation_of(files[:1], [scan], ROI, 80, 1.0)
+    assert observation_of(files[:1], [scan], tuple(ROI), 80, 1.0) is first
+    expected = observe([scan], np.array(ROI), width=80, length=1.0)
     assert np.array_equal(first.points, expected.points) and np.array_equal(first.planes, expected.planes)
     wider = [*ROI[:3], *(1.1 * corner for corner in ROI[3:])]
     others = [
-        observation_of(files[1:], [scan], ROI, 80),
-        observation_of(files, [scan, scan], ROI, 80),
-        observation_of(files[:1], [scan], None, 80),
-        observation_of(files[:1], [scan], wider, 80),
-        observation_of(files[:1], [scan], ROI, 100),
+        observation_of(files[1:], [scan], ROI, 80, 1.0),
+        observation_of(files, [scan, scan], ROI, 80, 1.0),
+        observation_of(files[:1], [scan], None, 80, 1.0),
+        observation_of(files[:1], [scan], wider, 80, 1.0),
+        observation_of(files[:1], [scan], ROI, 100, 1.0),
+        observation_of(files[:1], [scan], ROI, 80, 0.1),
     ]
     os.utime(files[0], ns=(0, 0))
-    others.append(observation_of(files[:1], [scan], ROI, 80))
+    others.append(observation_of(files[:1], [scan], ROI, 80, 1.0))
     assert all(other is not first for other in others)
-    assert [len(other.views) for other in others] == [1, 2, 1, 1, 1, 1]
+    assert [len(other.views) for other in others] == [1, 2, 1, 1, 1, 1, 1]
+
+
+def test_a_session_looks_at_what_its_recording_will(shared: Served) -> None:
+    """The same pixels, finer than without a model: the cabinet is much shorter than the whole picture."""
+    asked = body(upload_model(shared.client), upload_scan(shared.client), roi=None, method="pmpnbp")
+    problem, inputs = prepare(shared.app.state.store, asked)
+    (seen,), (again,) = problem.observation.views, inputs.problem().observation.views
+    np.testing.assert_array_equal(seen.depth, again.depth)
+    (coarse,) = observe(inputs.scans, None, width=80).views
+    assert seen.binned < coarse.binned
+    assert seen.camera.fx * seen.binned == pytest.approx(coarse.camera.fx * coarse.binned)

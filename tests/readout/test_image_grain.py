@@ -23,6 +23,7 @@ from pmpnbp.readout.image_grain import (
     EDGE,
     FACE,
     JUMP,
+    LEAST,
     NOISY,
     SHAPE,
     UNTOLD,
@@ -42,7 +43,7 @@ from pmpnbp.scene.depth_noise import SHARED
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
 
-STEP = 1e-5
+STEP, BINNED = 1e-5, 4
 OBJECTS = {"cupboard": worlds.cupboard(), "chain": worlds.hinged_chain(6), "star": worlds.star(4)}
 
 
@@ -129,7 +130,7 @@ def test_pixels_tell_how_far_their_part_is_off_in_their_own_direction() -> None:
             point = z * camera.rays()[row, column].astype(np.float64)
             slope = np.array([change(place, point, moved(point, part, which)) / STEP for which in range(6)])
             expected[part] += np.outer(slope, slope) / (
-                off**2 if off else np.hypot(FACE * z / camera.fx, NOISY * 0.002) ** 2
+                off**2 if off else np.hypot(FACE * z / camera.fx / np.sqrt(BINNED), NOISY * 0.002) ** 2
             )
 
     edge, across = outlines(depth, shown, made.tolerance_end)
@@ -137,12 +138,12 @@ def test_pixels_tell_how_far_their_part_is_off_in_their_own_direction() -> None:
     gather(
         edge,
         lambda place, before, after: float((after[:2] / after[2] - before[:2] / before[2]) @ across[place] * camera.fx),
-        EDGE,
+        EDGE / np.sqrt(BINNED),
     )
     face, normals = facing(camera, depth, number, shown)
     # a ray meets the plane n . p = 1 that has moved along with the point nearer or farther off by so much of its depth
     gather(face, lambda place, before, after: float(normals[place] @ (after - before) * before[2]), 0.0)
-    found = told_of_parts(camera, depth, number, shown, middles, made.tolerance_end, NOISY * 0.002)
+    found = told_of_parts(camera, depth, number, shown, middles, made.tolerance_end, NOISY * 0.002, binned=BINNED)
     scale = np.sqrt(np.maximum(np.einsum("nii->ni", expected), 1e-9))
     np.testing.assert_allclose(
         found / scale[:, :, None] / scale[:, None], expected / scale[:, :, None] / scale[:, None], atol=2e-3
@@ -161,7 +162,8 @@ def test_a_coarser_render_tells_what_the_image_would() -> None:
         (view.camera.binned(0, 0, 2, view.camera.width // 2, view.camera.height // 2), 2.0),
     ):
         depth, number = render(camera, made.surfaces, here)
-        told.append(told_of_parts(camera, depth, number, depth > 0, middles, made.tolerance_end, NOISY * 0.002, finer))
+        of_scan = NOISY * 0.002, finer, BINNED
+        told.append(told_of_parts(camera, depth, number, depth > 0, middles, made.tolerance_end, *of_scan))
     ratio = np.divide(*(np.einsum("nii->ni", each) for each in told))
     # boards' edges are a pixel or two wide, and have fewer of them in proportion
     assert abs(np.median(ratio) - 1) < 0.1
@@ -206,7 +208,7 @@ def test_it_is_the_covariance_of_a_fit_to_parts_that_are_off(name: str, rng: np.
             turn = poses.quaternion_multiply(there[3:], poses.quaternion_conjugate(here[3:]))
             columns.append(np.concatenate([middle, poses.to_rotation_vector(turn)]) / STEP)
         designs.append(np.array(columns).T)
-        besides = (own**2 + (WHOLE * radius) ** 2) * np.array([1.0, 1.0, 1.0, *[3 / radius**2] * 3])
+        besides = (own**2 + LEAST**2 + (WHOLE * radius) ** 2) * np.array([1.0, 1.0, 1.0, *[3 / radius**2] * 3])
         weights.append(np.linalg.inv(np.linalg.inv(told[node]) + np.diag(besides)))
     (found,) = hidden_by_grain(mrf, parts, steps, by_one_view(told, steps), astray)
     expected = np.linalg.inv(sum(d.T @ w @ d for d, w in zip(designs, weights, strict=True)))
@@ -266,7 +268,7 @@ def test_a_camera_whose_place_is_not_known_tells_as_much_as_least_squares_over_i
             turn = poses.to_rotation_vector(poses.quaternion_multiply(there[3:], poses.quaternion_conjugate(here[3:])))
             columns.append(np.concatenate([shift, turn]) / STEP)
         design = np.array(columns).T
-        besides = (WHOLE * radius) ** 2 * np.diag([1.0, 1.0, 1.0, *[3 / radius**2] * 3])
+        besides = (LEAST**2 + (WHOLE * radius) ** 2) * np.diag([1.0, 1.0, 1.0, *[3 / radius**2] * 3])
         for told, slopes in ((first, design * (np.arange(size + 6) < size)), (second, design)):
             expected += slopes.T @ np.linalg.inv(np.linalg.inv(told[node]) + besides) @ slopes
     covariance = np.linalg.inv(expected)[:size, :size]
@@ -287,13 +289,15 @@ def test_many_pixels_tell_more_but_not_without_end(rng: np.random.Generator) -> 
         for share in (1.0, 4.0, 1e9)
     ]
     assert np.all(stds[0] > stds[1]) and np.all(stds[1] > stds[2])
-    np.testing.assert_allclose(stds[2], np.hypot(0.002, WHOLE * mrf.radii[0]), rtol=1e-3)
+    np.testing.assert_allclose(stds[2], np.sqrt(0.002**2 + LEAST**2 + (WHOLE * mrf.radii[0]) ** 2), rtol=1e-3)
 
 
 def looked_at(eye: tuple[float, float, float], **settings: float) -> tuple[Problem, Array, Array]:
+    """Through an image whose pixels are BINNED of a scan's, as a work image's are."""
     model, (root, joints) = worlds.cupboard(), worlds.cupboard_truth()
     camera = worlds.camera_at(eye, root[:3] + [0, 0, 0.2])
     observation = worlds.seen(model, root, joints, camera)
+    observation = replace(observation, views=tuple(replace(view, binned=BINNED) for view in observation.views))
     chosen = worlds.settings(**settings)
     return problems.build(model, observation, UniformPrior("upright"), chosen, particles=20), root, joints
 
@@ -326,6 +330,7 @@ def test_two_views_have_their_own_grain_each(monkeypatch: pytest.MonkeyPatch) ->
     )
     one, both = (np.diag(grained(each, root, joints)) for each in (made, twice))
     assert np.all(both < one) and np.all(both > one / 2)
+    monkeypatch.setattr(image_grain, "LEAST", 0.0)
     monkeypatch.setattr(image_grain, "WHOLE", 0.0)
     np.testing.assert_allclose(grained(twice, root, joints), grained(made, root, joints) / 2, rtol=1e-6, atol=1e-15)
 

@@ -157,7 +157,7 @@ def test_the_image_is_as_large_as_what_is_wanted_of_the_scan() -> None:
     wanted = np.zeros(depth.shape, dtype=bool)
     wanted[100:140, 110:210] = True
     cropped = work_image(Scan(CAMERA, depth), wanted, 160, MARGIN)
-    assert cropped is not None and cropped.turn == 0.0
+    assert cropped is not None and cropped.turn == 0.0 and cropped.binned == 1
     assert cropped.depth.shape == (40 + 2 * MARGIN, 100 + 2 * MARGIN)
     np.testing.assert_array_equal(cropped.depth, depth[85:155, 95:225])
     np.testing.assert_allclose(cropped.depth, plane_depth(cropped.camera), rtol=1e-5)
@@ -167,6 +167,28 @@ def test_the_image_is_as_large_as_what_is_wanted_of_the_scan() -> None:
     h, w = inside.shape
     assert inside[h // 2].sum() <= w and abs(h / w - 1) < 0.3
     assert work_image(Scan(CAMERA, depth), np.zeros(depth.shape, dtype=bool), 160, MARGIN) is None
+
+
+@pytest.mark.parametrize(
+    ("length", "factor"), [(np.inf, 6), (1.0, 6), (0.7, 5), (0.48, 3), (0.01, 3), (0.0, 3)], ids=str
+)
+def test_what_is_much_shorter_than_the_region_has_finer_pixels(length: float, factor: int) -> None:
+    """280 pixels of the scan, 50 of the image: at 2 m, where a metre has 150 of the scan's, as in a region that is
+    twice as long as what is looked for, but no more than twice as fine."""
+    depth = np.full((240, 320), 2.0, dtype=np.float32)
+    wanted = np.zeros(depth.shape, dtype=bool)
+    wanted[20:220, 20:300] = True
+    found = work_image(Scan(CAMERA, depth), wanted, 50 + 2 * MARGIN, MARGIN, length)
+    assert found is not None
+    assert found.binned == factor
+    assert found.camera.fx == pytest.approx(np.sqrt(CAMERA.fx * CAMERA.fy) / factor)
+
+
+def test_of_a_region_that_nothing_is_measured_in_the_length_tells_nothing() -> None:
+    depth = np.zeros((240, 320), dtype=np.float32)
+    images = [work_image(Scan(CAMERA, depth), depth == 0, 80, MARGIN, length) for length in (0.1, np.inf)]
+    assert images[0] is not None and images[1] is not None
+    assert images[0].depth.shape == images[1].depth.shape
 
 
 def test_a_level_edge_is_crossed_by_every_row() -> None:

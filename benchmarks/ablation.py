@@ -20,9 +20,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem, run
 from pmpnbp.readout.metrics import add, model_points
 from pmpnbp.scene.articulated_object import ArticulatedObject
-from pmpnbp.scene.extent import length_of
 from pmpnbp.scene.observation import Observation
-from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.scene.urdf import load_model
@@ -74,7 +72,7 @@ def case(model: ArticulatedObject, folder: Path, settings: Settings) -> Case:
     part_poses = np.stack([poses.from_matrix(np.array(truth["links"][p.links[0]]).reshape(4, 4)) for p in model.parts])
     visible = [max(truth["visible_fraction"].get(link, 0.0) for link in part.links) for part in model.parts]
     return Case(
-        observe([scan], roi, width=settings.image_width, length=length_of(model)),
+        problem.look(model, [scan], roi, settings),
         part_poses,
         np.array(visible) >= VISIBLE,
         tuple(model_points(part.mesh) for part in model.parts),

@@ -17,11 +17,10 @@ from benchmarks.trials import Case, surface_points
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import IDENTITY, Array
+from pmpnbp.inference.problem import look
 from pmpnbp.potentials.surfaces import prepare_surfaces
 from pmpnbp.potentials.unary import render
-from pmpnbp.scene.extent import length_of
 from pmpnbp.scene.observation import Scan
-from pmpnbp.scene.observe import observe
 from pmpnbp.scene.urdf import load_model
 from pmpnbp.settings import Settings
 from sample_data import models, urdf_text
@@ -99,9 +98,7 @@ def generated_case(kind: str, parts: int, settings: Settings) -> Case:
     ]
     everything = np.concatenate(corners)
     roi = np.concatenate([everything.min(axis=0) - MARGIN, everything.max(axis=0) + MARGIN])
-    observation = observe(
-        [Scan(camera, depth.astype(np.float32))], roi, width=settings.image_width, length=length_of(model)
-    )
+    observation = look(model, [Scan(camera, depth.astype(np.float32))], roi, settings)
     count = len(model.parts)
     return Case(
         f"{kind}_{parts}",

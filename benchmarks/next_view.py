@@ -29,8 +29,6 @@ from pmpnbp.readout.object_posterior import mode_draws
 from pmpnbp.readout.particle_statistics import std_xyz
 from pmpnbp.readout.posterior import spread
 from pmpnbp.readout.view_planning import RankedView, around, ranked
-from pmpnbp.scene.extent import length_of
-from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.scene.urdf import load_model
@@ -109,7 +107,7 @@ def _after(case: Case, scene: Scene, folder: Path, settings: Settings, asked: in
     for noise in range(SCANS):
         write_scene(further, replace(scene, camera=camera), np.random.default_rng([3, noise]))
         scans = [load_scan(each / "depth.png", each / "camera.json") for each in (folder, further)]
-        observation = observe(scans, case.observation.roi, width=settings.image_width, length=length_of(case.model))
+        observation = problems.look(case.model, scans, case.observation.roi, settings)
         problem = problems.build(case.model, observation, UniformPrior("upright"), settings, particles=16)
         plan, truth = problem.schedule(10_000), (case.true_poses[0][None], case.joint_vector[None])
         root, joints, _ = polish(np.random.default_rng(0), problem, *truth, plan, plan.tolerance, POLISH_ROUNDS)

@@ -21,9 +21,8 @@ from benchmarks.tables import markdown, progress, rate
 from benchmarks.trials import PROJECT, Case, Trial, load_case, rough_prior, run_trial, warm_kernels
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import IDENTITY, Array
+from pmpnbp.inference.problem import look
 from pmpnbp.scene.articulated_object import ArticulatedObject
-from pmpnbp.scene.extent import length_of
-from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior
 from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.scene.urdf import load_model
@@ -190,7 +189,7 @@ def _within_reach(whole: Case, robot: Robot, prior: GaussianPrior, folder: Path,
     """The case with its observation cropped to the robot's reach about the prior's base; shares as in the whole."""
     roi = np.tile(prior.pose_world_link[:3], 2) + np.array(robot.reach)
     scan = load_scan(folder / "depth.png", folder / "camera.json")
-    return replace(whole, observation=observe([scan], roi, width=settings.image_width, length=length_of(whole.model)))
+    return replace(whole, observation=look(whole.model, [scan], roi, settings))
 
 
 def _judged(robot: Robot, scan: str, seed: int, case: Case, trial: Trial, reading: float) -> Run:

@@ -24,9 +24,7 @@ from pmpnbp.potentials.surfaces import prepare_surfaces
 from pmpnbp.potentials.unary import visible_fractions
 from pmpnbp.readout.metrics import add, add_s, model_points
 from pmpnbp.scene.articulated_object import ArticulatedObject, Part
-from pmpnbp.scene.extent import length_of
 from pmpnbp.scene.observation import Observation
-from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.scene.truth_file import load_truth
@@ -149,7 +147,7 @@ def load_case(name: str, model: ArticulatedObject, folder: Path, roi: Array | No
     counted = [json.loads((view / "truth.json").read_text(encoding="utf-8")) for view in views]
     more = counted[0]
     scans = [load_scan(view / "depth.png", view / "camera.json") for view in views]
-    observation = observe(scans, roi, width=settings.image_width, length=length_of(model))
+    observation = problems.look(model, scans, roi, settings)
     true_poses = np.array([_true_pose(part, truth["links"]) for part in model.parts])
     if "pixels_alone" in more:
         shares = np.array(

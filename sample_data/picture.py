@@ -18,8 +18,6 @@ from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run as engine
 from pmpnbp.pictures.pictures import Pictures
 from pmpnbp.readout.estimate import agreeing
-from pmpnbp.scene.extent import length_of
-from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.scene.urdf import load_model
@@ -42,7 +40,7 @@ def estimated(folder: Path, pictures: Pictures) -> Image.Image:
     model = load_model(HERE / "cabinet" / "cabinet.urdf", triangle_budget=settings.triangles)
     scan = load_scan(folder / "depth.png", folder / "camera.json")
     roi = np.array(json.loads((folder / "roi.json").read_text(encoding="utf-8"))["roi"])
-    observation = observe([scan], roi, width=settings.image_width, length=length_of(model))
+    observation = problems.look(model, [scan], roi, settings)
     problem = problems.build(model, observation, UniformPrior("upright"), settings)
     *_, report = engine.iterate(problem, 100)
     part_poses = model.part_poses(*agreeing(problem, report))

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from benchmarks.trials import PROJECT, Case, load_case, load_roi, rough_prior, timed, warm_kernels
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
+from pmpnbp.inference.problem import look
 from pmpnbp.readout.mixture import of_estimate
 from pmpnbp.readout.placement import Placement, place
 from pmpnbp.runs.run_log import Asked, Result
-from pmpnbp.scene.extent import length_of
 from pmpnbp.scene.observation import Scan
-from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.scene.urdf import load_model
@@ -160,7 +159,7 @@ def scene_case(scene: str, width: int, triangles: int, urdf: str | None = None, 
         return cases[0]
     scans = [scene_scan(one) for one in (scene, *views)]
     shares = np.max([case.shares for case in cases], axis=0)
-    return replace(cases[0], observation=observe(scans, roi, width=width, length=length_of(model)), shares=shares)
+    return replace(cases[0], observation=look(model, scans, roi, settings), shares=shares)
 
 
 @lru_cache(maxsize=8)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,8 +22,8 @@ from pmpnbp.potentials.unary import PixelScore, Renderer, unary_scores
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.depth_noise import depth_noise
 from pmpnbp.scene.extent import length_of, lengths_along_root
-from pmpnbp.scene.observation import Observation
-from pmpnbp.scene.observe import without_longer_surfaces
+from pmpnbp.scene.observation import Observation, Scan
+from pmpnbp.scene.observe import observe, without_longer_surfaces
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.scene.sizes import resized
 from pmpnbp.settings import Schedule, SessionOptions, Settings, check_method, schedule
@@ -211,6 +212,12 @@ class Problem:
         if self.prior_node < 0 or not (always or self.settings.prior_factor):
             return log_score
         return log_score + self.log_prior(prior_poses)
+
+
+def look(model: ArticulatedObject, scans: Sequence[Scan], roi: Array | None, settings: Settings) -> Observation:
+    """What is seen of the scene in `scans`, in `roi` (6,), metres, world, or everywhere: as finely as the settings and
+    the object's length ask for. Raises ScanError as `observe` does."""
+    return observe(scans, roi, width=settings.image_width, length=length_of(model))
 
 
 def build(

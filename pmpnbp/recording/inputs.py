@@ -26,10 +26,8 @@ from pmpnbp.names import name_fault
 from pmpnbp.recording.changes import changes, first_scans
 from pmpnbp.recording.scans import store_scan
 from pmpnbp.scene.articulated_object import ArticulatedObject
-from pmpnbp.scene.extent import length_of
 from pmpnbp.scene.model_files import ModelLimits, open_model
 from pmpnbp.scene.observation import Observation, Scan
-from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import GaussianPrior, Orientation, UniformPrior, load_prior
 from pmpnbp.scene.urdf import load_model
 from pmpnbp.settings import SessionOptions, Settings, changed, preset
@@ -55,9 +53,7 @@ class Inputs:
         """The problem these make; `model` is what is in their file, `observation` what is seen in their scans, where
         that is known already. Raises PmpnbpError where they make none."""
         model = model or load_model(self.model, triangle_budget=self.settings.triangles)
-        observation = observation or observe(
-            self.scans, self.roi, width=self.settings.image_width, length=length_of(model)
-        )
+        observation = observation or problem_module.look(model, self.scans, self.roi, self.settings)
         return problem_module.build(
             model,
             observation,

@@ -95,7 +95,12 @@ class Settings:
         "how noisy depths are: as the scan's own surfaces say, or as is usual of such a sensor",
         choices=("estimated", *SENSORS),
     )
-    free_space_cost: float = _setting(1.0, "", "cost of a pixel where the scan sees through the surface", low=0)
+    free_space_cost: float = _setting(
+        1.0,
+        "",
+        "cost of a pixel where the scan sees through the surface, up to six times that amid a smooth one",
+        low=0,
+    )
     occlusion_cost: float = _setting(0.02, "", "cost of a pixel where something stands before the surface", low=0)
     support_reward: float = _setting(0.1, "", "largest reward of a pixel on a floor, wall or table", low=0)
     continued_reward: float = _setting(

@@ -91,7 +91,8 @@ def confirmation(problem: Problem, root: Array, joints: Array) -> Confirmation:
         for row, chosen in enumerate((depth > 0, in_sight, near, through, within)):
             own[row] += np.bincount(number[chosen], minlength=problem.mrf.nodes)
         pixels.append((view, depth > 0, near))
-    scoring = replace(problem.score(tolerance), form="robust")
+    # a share of what should be seen: each pixel that is not confirmed counts once
+    scoring = replace(problem.score(tolerance), form="robust", firm_cost=1.0)
     score = object_scores(problem.observation, problem.surfaces, part_poses[None], scoring, problem.nuisances)[0]
     seen = (own[1] >= FEWEST_PIXELS) & (own[1] >= IN_SIGHT * own[0])
     most_within = np.full(problem.mrf.nodes, DENIED_WITHIN)

@@ -38,6 +38,9 @@ NARROW = 0.12, 0.25
 NARROW_ITERATIONS, NARROW_PROPOSALS = 0.5, 0.5
 # The tolerance is as many standard deviations of the scan's depths at least: less leaves out what is there.
 DEVIATIONS = 2.0
+# How many times as much as others a pixel that is seen through amid a smooth surface costs at most; and the tolerance
+# above which it costs no more than they do, as a multiple of the last one.
+FIRM_COST, LOOSE = 6.0, 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,8 +144,9 @@ class Problem:
         return max(self.settings.tolerance_end, DEVIATIONS * float(self.noise.max(initial=0.0)))
 
     def score(self, tolerance: float) -> PixelScore:
-        """The pixel score of the settings at a tolerance in metres."""
-        chosen = self.settings
+        """The pixel score of the settings at a tolerance in metres, of whole objects. While that is loose no pixel
+        costs more than another, so that they pass through places that the scan denies."""
+        chosen, loose = self.settings, tolerance > LOOSE * self.tolerance_end
         return PixelScore(
             chosen.pixel_score,
             tolerance,
@@ -151,7 +155,12 @@ class Problem:
             chosen.support_reward,
             chosen.continued_reward,
             self.unit_distance,
+            1.0 if loose else FIRM_COST,
         )
+
+    def part_score(self, tolerance: float) -> PixelScore:
+        """The same of a part alone, of which no pixel costs more than another at any tolerance."""
+        return replace(self.score(tolerance), firm_cost=1.0)
 
     def unary(
         self, node: NDArray[np.integer], part_poses: Array, tolerance: float, renderer: Renderer, points: int = 0
@@ -162,7 +171,7 @@ class Problem:
             self.surfaces,
             node,
             part_poses,
-            self.score(tolerance),
+            self.part_score(tolerance),
             renderer=renderer,
             points=points or self.settings.splat_points,
             nuisances=self.nuisances,

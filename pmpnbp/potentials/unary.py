@@ -20,7 +20,7 @@ from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.potentials.kernels import normal_equations as equations
 from pmpnbp.potentials.kernels import rasterised_scores, rasteriser, splatting
-from pmpnbp.potentials.kernels.pixel_scores import pack_patches, pack_view
+from pmpnbp.potentials.kernels.pixel_scores import FIRM_BIT, pack_patches, pack_view
 from pmpnbp.potentials.nuisances import apparent
 from pmpnbp.potentials.pixel_kinds import in_front
 from pmpnbp.potentials.surfaces import Surfaces
@@ -43,6 +43,7 @@ class PixelScore:
         alone, whose outline is not the object's, on a surface longer than the object
     unit_distance : metres, at which a robust pixel counts 1; elsewhere by the square of its distance, as it covers more
         or less of a surface: what is near has more pixels of the same evidence
+    firm_cost : how many times the free space cost a pixel amid a smooth surface (`View.firm`) costs at most
     """
 
     form: Literal["robust", "distance"] = "robust"
@@ -52,6 +53,7 @@ class PixelScore:
     support_reward: float = 0.1
     continued_reward: float = 0.1
     unit_distance: float = 1.0
+    firm_cost: float = 1.0
 
     def __post_init__(self) -> None:
         if self.form not in ("robust", "distance"):
@@ -62,9 +64,9 @@ class PixelScore:
 
     @property
     def terms(self) -> NDArray[np.float32]:
-        """tolerance, costs, rewards and unit distance, as above and as the kernels take them."""
+        """tolerance, costs, rewards, unit distance and firm cost, as above and as the kernels take them."""
         costs, rewards = (self.free_space_cost, self.occlusion_cost), (self.support_reward, self.continued_reward)
-        return np.array([self.tolerance, *costs, *rewards, self.unit_distance], dtype=np.float32)
+        return np.array([self.tolerance, *costs, *rewards, self.unit_distance, self.firm_cost], dtype=np.float32)
 
 
 def unary_scores(
@@ -270,5 +272,6 @@ def _image(view: View) -> tuple[NDArray[np.int32], Array, Array, NDArray[np.int1
     """A view as the scoring kernels take it."""
     depth = np.require(view.depth, np.float32, ("C", "W"))
     packed = pack_view(depth, np.require(view.category, np.uint8, ("C", "W")))
+    packed[1:-1, 1:-1][view.firm] |= FIRM_BIT
     lens, pose_camera_world, _, _ = _view(view.camera)
     return packed, lens, pose_camera_world, pack_patches(view.patches), int(view.patches.max()) + 1

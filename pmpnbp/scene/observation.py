@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
+from pmpnbp.scene.firm_pixels import firm_pixels
 from pmpnbp.scene.patches import smooth_patches
 
 # What a pixel of a view is to the unary potential.
@@ -75,11 +76,16 @@ class View:
         """(h, w): the smooth surface that each pixel lies on, 1, 2, ..., or 0: see `scene/patches.py`."""
         return smooth_patches(self.depth)
 
+    @cached_property
+    def firm(self) -> NDArray[np.bool_]:
+        """(h, w): where the depth is that of one smooth surface, see `scene/firm_pixels.py`."""
+        return firm_pixels(self.depth)
+
     def with_category(self, category: NDArray[np.uint8]) -> View:
         """The view with other categories (h, w), which are its own from now on; what is of the depth alone stays."""
         category.setflags(write=False)
         view = replace(self, category=category)
-        view.__dict__.update(patches=self.patches, points=self.points)
+        view.__dict__.update(patches=self.patches, points=self.points, firm=self.firm)
         return view
 
     @cached_property

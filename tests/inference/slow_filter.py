@@ -27,9 +27,8 @@ def slow_object_score(made: Problem, part_poses: Array, tolerance: float) -> flo
             clouds.append(points @ to_camera[:3, :3].T + to_camera[:3, 3])
             meshes.append(surfaces.faces[:, first:last].T)
         lens = np.array([eye.fx, eye.fy, eye.cx, eye.cy])
-        total += reference.object_score(
-            view.depth, view.category, lens, clouds, meshes, score.terms.astype(np.float64), score.form == "robust"
-        )
+        terms, robust = score.terms.astype(np.float64), score.form == "robust"
+        total += reference.object_score(view.depth, view.category, lens, clouds, meshes, terms, robust, view.firm)
     return total
 
 

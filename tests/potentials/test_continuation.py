@@ -16,7 +16,7 @@ from pmpnbp.scene.observation import OBJECT, View
 from tests.potentials import posed_parts
 
 EYE = Camera(160, 120, 150.0, 150.0, 79.5, 59.5)
-SCORE = PixelScore(tolerance=0.02, continued_reward=0.1)
+SCORE = PixelScore(tolerance=0.02, continued_reward=0.1, firm_cost=6.0)
 
 
 def plate(width: float, height: float) -> Surfaces:
@@ -90,7 +90,7 @@ def test_scores_are_those_of_the_reference(rng: np.random.Generator) -> None:
     for k in range(60):
         cloud = poses.transform_points(pose[k, 0], vertices)
         slow, plain = (
-            reference.object_score(view.depth, view.category, lens, [cloud], [faces], terms, True, patches)
+            reference.object_score(view.depth, view.category, lens, [cloud], [faces], terms, True, view.firm, patches)
             for patches in (view.patches, None)
         )
         # a pixel on an edge, or at the tolerance, may go either way, and with it a little of a patch's weight

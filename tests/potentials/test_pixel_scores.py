@@ -8,8 +8,8 @@ import pytest
 from pmpnbp.potentials.kernels import pixel_scores, reference
 from pmpnbp.scene import observation
 
-TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON = 0.02, 1.0, 0.03, 0.1, 0.2
-TERMS = np.array([TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, 1.0], dtype=np.float32)
+TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, FIRM = 0.02, 1.0, 0.03, 0.1, 0.2, 6.0
+TERMS = np.array([TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, 1.0, FIRM], dtype=np.float32)
 
 
 def test_the_kernels_categories_are_those_of_the_observation() -> None:
@@ -51,7 +51,7 @@ def test_robust_score_of_a_pixel(category: int, difference: float, expected: flo
 
 def test_a_pixel_counts_by_what_it_covers_of_a_surface() -> None:
     """Twice as far away it covers four times as much, and of a surface there are a quarter as many."""
-    terms = np.array([TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, 1.5], dtype=np.float32)
+    terms = np.array([TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, 1.5, FIRM], dtype=np.float32)
     for rendered, weight in ((1.5, 1.0), (3.0, 4.0), (0.75, 0.25)):
         for difference, expected in ((0.0, 1.0), (0.5, -FREE), (-0.5, -OCCLUDED)):
             observed = np.float32(rendered + difference)
@@ -60,6 +60,53 @@ def test_a_pixel_counts_by_what_it_covers_of_a_surface() -> None:
             slow = reference.robust_scores(observed, np.array(observation.OBJECT), np.float32(rendered), terms)
             assert fast == pytest.approx(weight * expected, rel=1e-4)
             assert slow == pytest.approx(weight * expected, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("category", "difference", "times"),
+    [
+        (observation.OBJECT, 1.2 * TAU, 1.0),
+        (observation.OBJECT, 2.0 * TAU, 3.0),
+        (observation.OBJECT, 2.5 * TAU, 5.25),
+        (observation.OBJECT, 3.0 * TAU, 6.0),
+        (observation.OBJECT, 0.5, 6.0),
+        (observation.OUTSIDE, 0.5, 6.0),
+        (observation.CONTINUED, 0.5, 6.0),
+        (observation.SUPPORT, 0.5, 6.0),
+        (observation.SUPPORT, -2.0 * TAU, 3.0),
+    ],
+)
+def test_a_firm_pixel_that_is_seen_through_costs_up_to_six_times_as_much(
+    category: int, difference: float, times: float
+) -> None:
+    fast, slow = of_a_firm_pixel(category, difference)
+    assert slow == pytest.approx(-times * FREE, abs=1e-4)
+    assert fast == pytest.approx(-times * FREE, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("category", "difference", "expected"),
+    [
+        (observation.OBJECT, TAU / 2, 0.75),
+        (observation.OBJECT, -0.5, -OCCLUDED),
+        (observation.OUTSIDE, TAU / 2, 0.0),
+        (observation.SUPPORT, TAU / 2, 0.75 * SUPPORTED),
+    ],
+)
+def test_what_explains_or_hides_counts_the_same_of_a_firm_pixel(
+    category: int, difference: float, expected: float
+) -> None:
+    fast, slow = of_a_firm_pixel(category, difference)
+    assert slow == pytest.approx(expected, abs=1e-5)
+    assert fast == pytest.approx(expected, abs=1e-4)
+
+
+def of_a_firm_pixel(category: int, difference: float) -> tuple[float, float]:
+    """Its score by the kernel, and by the reference."""
+    observed, rendered = np.float32(1.0 + difference), np.float32(1.0)
+    slow = reference.robust_scores(observed, np.array(category), rendered, TERMS, firm=True)
+    word = pixel_scores.pack_view(np.array([[observed]]), np.array([[category]], dtype=np.uint8))[1, 1]
+    return float(pixel_scores.robust_pixel(word | pixel_scores.FIRM_BIT, rendered, tuple(TERMS))), float(slow)
 
 
 @pytest.mark.parametrize(
@@ -78,6 +125,8 @@ def test_distance_of_a_pixel_is_that_of_the_points_in_space(category: int, expec
     word = pixel_scores.pack_view(np.array([[observed]]), np.array([[category]], dtype=np.uint8))[1, 1]
     assert slow == pytest.approx(expected, abs=1e-6)
     assert pixel_scores.distance_pixel(word, rendered, ray_length) == pytest.approx(expected, abs=1e-5)
+    firm = word | pixel_scores.FIRM_BIT
+    assert pixel_scores.distance_pixel(firm, rendered, ray_length) == pytest.approx(expected, abs=1e-5)
 
 
 def test_packing_keeps_the_depth_to_a_relative_8e_7_and_adds_a_border_without_depth(rng: np.random.Generator) -> None:

@@ -26,7 +26,7 @@ from pmpnbp.scene.articulated_object import Mesh
 from pmpnbp.scene.observation import OBJECT, View
 from tests.potentials import posed_parts
 
-FORMS = [PixelScore("robust", tolerance=0.03), PixelScore("distance")]
+FORMS = [PixelScore("robust", tolerance=0.03, firm_cost=6.0), PixelScore("distance")]
 EYE = Camera(80, 60, 75.0, 73.0, 38.2, 31.3)
 
 
@@ -97,7 +97,7 @@ def test_part_scores_are_those_of_the_reference(
         cloud = posed_parts.in_camera(EYE, pose[i], vertices)
         terms = score.terms.astype(np.float64)
         slow[i] = reference.part_score(
-            seen.depth, seen.category, lens(EYE), cloud, faces, terms, score.form == "robust"
+            seen.depth, seen.category, lens(EYE), cloud, faces, terms, score.form == "robust", seen.firm
         )
     # a pixel on an edge, or at the tolerance, may go either way
     close = np.isclose(fast, slow, rtol=1e-3, atol=0.02)
@@ -140,6 +140,7 @@ def test_object_scores_are_those_of_the_reference(
             [faces for _, faces in meshes],
             score.terms.astype(np.float64),
             score.form == "robust",
+            seen.firm,
             seen.patches,
         )
         # a pixel on an edge, or at the tolerance, may go either way

@@ -15,7 +15,7 @@ from pmpnbp.potentials.unary import PixelScore, unary_scores
 from pmpnbp.scene.observation import OBJECT
 from tests.potentials import posed_parts
 
-FORMS = [PixelScore("robust", tolerance=0.03), PixelScore("distance")]
+FORMS = [PixelScore("robust", tolerance=0.03, firm_cost=6.0), PixelScore("distance")]
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_splat_scores_are_those_of_the_reference(
         cloud = posed_parts.in_camera(eye, pose[i], surfaces.points[part[i], cell, :, :points].T)
         area = float(surfaces.areas[part[i], cell])
         slow[i] = reference.splat_score(
-            seen.depth, seen.category, lens, cloud, area, score.terms, score.form == "robust"
+            seen.depth, seen.category, lens, cloud, area, score.terms, score.form == "robust", seen.firm
         )
         # what one point can be worth
         one[i] = 2.0 * area * eye.fx * eye.fy / max(cloud[:, 2].min(), 0.05) ** 2 / points

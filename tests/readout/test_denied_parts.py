@@ -70,7 +70,7 @@ def test_a_board_of_another_size_is_no_drawer_and_the_drawer_is_behind_it_or_bey
 
 def test_a_board_does_not_draw_the_rest_of_the_object_after_it() -> None:
     """It stands aslant. The box would turn with it if it were the drawer, and is told as if nothing were there."""
-    observation = worlds.seen(chest(0.28, at(0.28, 0.0, 0.2, yaw=0.08)), ROOT, np.r_[SHUT, 0.0])
+    observation = worlds.seen(chest(0.3, at(0.28, 0.0, 0.2, yaw=0.08)), ROOT, np.r_[SHUT, 0.0])
     problem = problems.build(chest(), observation, UniformPrior("upright"), worlds.settings(), particles=20, seed=5)
     posterior = of_estimate(problem, report_at(problem, FOUND))
     assert posterior.fit.denied == ("link1",) and posterior.centre is not None

@@ -348,7 +348,7 @@ def test_a_long_chain_is_told_where_its_draws_have_it() -> None:
 
 def test_a_rival_whose_draws_lead_back_to_a_mode_is_no_other(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is far enough off to be drawn about, and moves to where its draws are better: the estimate's own place."""
-    astray = poses.multiply(ROOT, at(0.02, 0.0, 0.0, 0.03))
+    astray = poses.multiply(ROOT, at(0.03, 0.0, 0.0, 0.02))
     seen = confirmation(problem, astray, SHUT)
     monkeypatch.setattr(mixture, "contenders", lambda *_: iter([(astray, SHUT, seen, False)]))
     drawn = []

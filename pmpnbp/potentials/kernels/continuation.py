@@ -48,7 +48,7 @@ def _count_across(drawn: Any, scan: Any, place: Any, spot: Any, ends: Any, count
         if number != patch:
             explained[patch] += count
             patch, count = number, np.int32(0)
-        count += np.int32(abs(words[pixel] * w - _ONE) < tolerance * w)
+        count += np.int32(abs(abs(words[pixel]) * w - _ONE) < tolerance * w)
         at -= place[1]
         pixel -= spot[1]
     explained[patch] += count

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pmpnbp.potentials.kernels.compiling import inner, kernel
 from pmpnbp.potentials.kernels.continuation import patch_room, weigh_patches
-from pmpnbp.potentials.kernels.pixel_scores import CATEGORY_BITS, pixel_reward
+from pmpnbp.potentials.kernels.pixel_scores import CATEGORY_BITS, depth_of, pixel_reward
 from pmpnbp.potentials.kernels.rasteriser import draw_object, scratch
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
@@ -42,7 +42,7 @@ def _compared(room: Any, box: Any, stride: int, image: Any, terms: Any, patch_co
                     depth = 1.0 / w
                     reward *= np.float32((depth / terms[5]) ** 2)
                     places[0, count], places[1, count] = row * (packed.shape[1] - 2) + column, room[6][place]
-                    lengths[0, count], lengths[1, count] = depth, np.int32(word).view(np.float32) - depth
+                    lengths[0, count], lengths[1, count] = depth, depth_of(word) - depth
                     lengths[2, count] = reward
                     count += 1
     return count
@@ -112,7 +112,7 @@ def _add_range(
     height, width = packed.shape[0] - 2, packed.shape[1] - 2
     view = (lens, pose_camera_world, width, height)
     room = scratch(mesh, width, height)
-    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4], terms[5])
+    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4], terms[5], terms[6])
     patch_counts = patch_room(patch_count, width)
     pixels = (np.empty((2, height * width), dtype=np.int32), np.empty((3, height * width)))
     size = probes.shape[1]

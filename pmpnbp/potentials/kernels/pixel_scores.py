@@ -2,8 +2,8 @@
 
 A pixel's depth and category are read together for every covered pixel of every hypothesis, so they are packed in one
 32-bit word: the depth's float32 bits with the category in the three lowest. That costs depth a relative 8e-7, a
-micrometre at a metre. The packed image has a border of one pixel without depth, so that what falls outside the image
-can be looked up like any other pixel and scores nothing.
+micrometre at a metre; the sign says that the pixel is firm (`scene/firm_pixels.py`). The packed image has a border of
+one pixel without depth, so that what falls outside the image can be looked up like any other pixel and scores nothing.
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ NO_DEPTH, OBJECT, SUPPORT, OUTSIDE, CONTINUED = 0, 1, 2, 3, 4
 LANES = 8
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
-CATEGORY_BITS = np.int32(7)
+CATEGORY_BITS, DEPTH_BITS, FIRM_BIT = np.int32(7), np.int32(2**31 - 1), np.int32(-(2**31))
 
 
 @kernel(error_model="numpy")
 def pack_view(depth: NDArray[np.float32], category: NDArray[np.uint8]) -> NDArray[np.int32]:
-    """Depth (h, w) in metres and category (h, w) as one image (h + 2, w + 2) with a border without depth."""
+    """Depth (h, w) in metres and category (h, w) as one image (h + 2, w + 2) with a border without depth; no pixel is
+    firm."""
     height, width = depth.shape
     # the rasteriser reads whole vectors of a row, the last of which may reach beyond it
     room = np.zeros((height + 2) * (width + 2) + LANES, dtype=np.int32)
@@ -54,6 +55,12 @@ def pack_patches(patches: NDArray[np.int16]) -> NDArray[np.int16]:
 
 
 @inner(error_model="numpy")
+def depth_of(word: Any) -> Any:
+    """The depth that a word holds, metres, float32."""
+    return np.int32(word & DEPTH_BITS).view(np.float32)
+
+
+@inner(error_model="numpy")
 def pixel_reward(category: Any, support_reward: Any, continued_reward: Any) -> Any:
     """The most that a covered pixel of a category can earn, float32."""
     beside = support_reward if category == SUPPORT else (continued_reward if category == CONTINUED else _ZERO)
@@ -64,17 +71,19 @@ def pixel_reward(category: Any, support_reward: Any, continued_reward: Any) -> A
 def robust_pixel(word: Any, rendered: Any, terms: Any) -> Any:
     """Score of a covered pixel whose packed observation is `word` and whose rendered depth is `rendered`, float32.
 
-    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance, float32
+    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance, firm cost,
+        float32
     A pixel counts by what it covers of a surface that faces it: 1 at the unit distance.
     """
-    tolerance, free_space_cost, occlusion_cost, support_reward, continued_reward, unit_distance = terms
+    tolerance, free_space_cost, occlusion_cost, support_reward, continued_reward, unit_distance, firm_cost = terms
     category = word & CATEGORY_BITS
-    difference = np.int32(word).view(np.float32) - rendered
+    difference = depth_of(word) - rendered
     ratio = difference / tolerance
+    square = ratio * ratio
     reward = pixel_reward(category, support_reward, continued_reward)
-    in_front = free_space_cost if category == SUPPORT else occlusion_cost
-    cost = free_space_cost if difference > _ZERO else in_front
-    score = reward * (_ONE - ratio * ratio) if abs(difference) < tolerance else -cost
+    through = free_space_cost * (min(max(square - _ONE, _ONE), firm_cost) if word < 0 else _ONE)
+    cost = through if (difference > _ZERO) | (category == SUPPORT) else occlusion_cost
+    score = reward * (_ONE - square) if square < _ONE else -cost
     nearness = rendered / unit_distance
     return score * nearness * nearness if category != NO_DEPTH else _ZERO
 
@@ -83,5 +92,5 @@ def robust_pixel(word: Any, rendered: Any, terms: Any) -> Any:
 def distance_pixel(word: Any, rendered: Any, ray_length: Any) -> Any:
     """Minus the distance in metres between observed and rendered point of a covered pixel (eq. 10), float32."""
     category = word & CATEGORY_BITS
-    distance = abs(np.int32(word).view(np.float32) - rendered) * ray_length
+    distance = abs(depth_of(word) - rendered) * ray_length
     return _ZERO if (category == NO_DEPTH) | (category == OUTSIDE) else -distance

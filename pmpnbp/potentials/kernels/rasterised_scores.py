@@ -61,7 +61,7 @@ def _add_part_range(
     packed, lens, pose_camera_world, _, _ = image
     view = (lens, pose_camera_world, packed.shape[1] - 2, packed.shape[0] - 2)
     room = scratch(mesh, view[2], view[3])
-    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4], terms[5])
+    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4], terms[5], terms[6])
     for i in range(start, len(part), step):
         box, stride = draw_part(np.int64(part[i]), poses[i], view, mesh, room)
         if robust:
@@ -94,7 +94,7 @@ def _sum_weighed(buffer: Any, stride: int, box: Any, packed: Any, patches: Any, 
 def _as_tuple(terms: Any, continued_reward: Any) -> Any:
     """The terms with another reward of what goes on: of the whole object that counts by whether it goes on beyond the
     outline, known here and not part by part."""
-    return (terms[0], terms[1], terms[2], terms[3], continued_reward, terms[5])
+    return (terms[0], terms[1], terms[2], terms[3], continued_reward, terms[5], terms[6])
 
 
 @kernel(error_model="numpy")
@@ -147,7 +147,7 @@ def add_part_scores(
     image : (packed (h + 2, w + 2), see `pack_view`; lens fx fy cx cy; pose_camera_world (7,); patches (h + 2,
         w + 2), see `pack_patches`; one more than the largest number among them)
     mesh : see `rasteriser`; part : (B,); poses : (B, 7), part in world
-    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance
+    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance, firm cost
     """
     if len(part) < PARALLEL_FROM or get_num_threads() == 1:
         _add_part_range(0, 1, image, mesh, part, poses, terms, robust, out)
@@ -164,7 +164,7 @@ def add_object_scores(
     out: NDArray[np.float64],
 ) -> None:
     """As `add_part_scores` for whole objects at poses (B, N, 7), all parts drawn into one z-buffer, and by each of T
-    `terms` (T, 6): `out` is (B, T). What goes on beyond the outline counts less, see `continuation`."""
+    `terms` (T, 7): `out` is (B, T). What goes on beyond the outline counts less, see `continuation`."""
     if len(poses) * len(mesh[3]) < PARALLEL_FROM or get_num_threads() == 1:
         _add_object_range(0, 1, image, mesh, poses, terms, robust, out)
     else:

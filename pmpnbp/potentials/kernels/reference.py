@@ -16,21 +16,28 @@ from pmpnbp.potentials.kernels.projection import NEAR
 Floats = NDArray[np.floating]
 
 
-def robust_scores(observed: Floats, category: NDArray[np.uint8], rendered: Floats, terms: Floats) -> Floats:
+def robust_scores(
+    observed: Floats,
+    category: NDArray[np.uint8],
+    rendered: Floats,
+    terms: Floats,
+    firm: NDArray[np.bool_] | bool = False,
+) -> Floats:
     """Scores of covered pixels, any shape, from observed and rendered depth in metres and the observation's category.
 
-    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance
+    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance, firm cost
     Within the tolerance 1 - (difference / tolerance)², on a support plane times the support reward, on a surface
     longer than the object times the continued reward, outside the region of interest 0. Observed behind the rendered
-    surface: minus the free space cost. Observed in front: minus the occlusion cost, but a part behind a support plane
-    costs as much as one in free space. All times the square of rendered depth over unit distance.
+    surface: minus the free space cost, and of a `firm` pixel that times (difference / tolerance)² - 1, between 1 and
+    the firm cost. Observed in front: minus the occlusion cost, but a part behind a support plane costs as much as one
+    in free space. All times the square of rendered depth over unit distance.
     """
-    tolerance, free_space_cost, occlusion_cost, support_reward, continued_reward, unit_distance = terms
+    tolerance, free_space_cost, occlusion_cost, support_reward, continued_reward, unit_distance, firm_cost = terms
     difference = observed - rendered
+    through = free_space_cost * np.where(firm, np.clip((difference / tolerance) ** 2 - 1.0, 1.0, firm_cost), 1.0)
     rewards = {OBJECT: 1.0, SUPPORT: support_reward, CONTINUED: continued_reward}
     reward = np.select([category == what for what in rewards], list(rewards.values()), 0.0)
-    in_front = np.where(category == SUPPORT, -free_space_cost, -occlusion_cost)
-    outlier = np.where(difference > 0, -free_space_cost, in_front)
+    outlier = np.where((difference > 0) | (category == SUPPORT), -through, -occlusion_cost)
     score = np.where(np.abs(difference) < tolerance, reward * (1.0 - (difference / tolerance) ** 2), outlier)
     return np.where(category == NO_DEPTH, 0.0, score) * (rendered / unit_distance) ** 2
 
@@ -43,12 +50,19 @@ def distance_scores(observed: Floats, category: NDArray[np.uint8], rendered: Flo
 
 
 def splat_score(
-    depth: Floats, category: NDArray[np.uint8], lens: Floats, points: Floats, area: float, terms: Floats, robust: bool
+    depth: Floats,
+    category: NDArray[np.uint8],
+    lens: Floats,
+    points: Floats,
+    area: float,
+    terms: Floats,
+    robust: bool,
+    firm: NDArray[np.bool_],
 ) -> float:
     """Score of one part from points (P, 3) of its visible surface, in the camera's frame.
 
-    Each point stands for area * fx * fy / z² / P pixels like the one nearest to it. depth, category : (h, w) of the
-    observation; lens : fx fy cx cy; area : m², across the line of sight. Points that fall outside the image, or lie
+    Each point stands for area * fx * fy / z² / P pixels like the one nearest to it. depth, category, firm : (h, w) of
+    the observation; lens : fx fy cx cy; area : m², across the line of sight. Points that fall outside the image, or lie
     nearer than 5 cm, cover nothing.
     """
     fx, fy, cx, cy = lens
@@ -60,7 +74,7 @@ def splat_score(
     x, y, z = x[inside], y[inside], z[inside]
     at = row[inside].astype(int), column[inside].astype(int)
     if robust:
-        scores = robust_scores(depth[at], category[at], z, terms)
+        scores = robust_scores(depth[at], category[at], z, terms, firm[at])
     else:
         scores = distance_scores(depth[at], category[at], z, np.sqrt((x / z) ** 2 + (y / z) ** 2 + 1.0))
     return float(np.sum(scores * area * fx * fy / z**2) / len(points))
@@ -98,9 +112,10 @@ def part_score(
     faces: NDArray[np.int32],
     terms: Floats,
     robust: bool,
+    firm: NDArray[np.bool_],
 ) -> float:
     """Score of one part, drawn alone from vertices (V, 3) in the camera's frame: the sum over its covered pixels."""
-    return object_score(depth, category, lens, [vertices], [faces], terms, robust)
+    return object_score(depth, category, lens, [vertices], [faces], terms, robust, firm)
 
 
 def object_score(
@@ -111,6 +126,7 @@ def object_score(
     faces: list[NDArray[np.int32]],
     terms: Floats,
     robust: bool,
+    firm: NDArray[np.bool_],
     patches: NDArray[np.int16] | None = None,
 ) -> float:
     """Score of a whole object: the sum over the pixels that any part covers, at the depth of the part in front. Rewards
@@ -125,11 +141,11 @@ def object_score(
     covered = np.isfinite(rendered)
     rendered = np.where(covered, rendered, 0.0)
     if robust and patches is not None:
-        scores = robust_scores(depth, category, rendered, np.array([*terms[:4], 1.0, terms[5]]))
+        scores = robust_scores(depth, category, rendered, np.array([*terms[:4], 1.0, *terms[5:]]), firm)
         weights = patch_weights(depth, rendered, patches, terms[0], terms[4])[patches]
         scores = np.where(scores > 0, weights * scores, scores)
     elif robust:
-        scores = robust_scores(depth, category, rendered, terms)
+        scores = robust_scores(depth, category, rendered, terms, firm)
     else:
         scores = distance_scores(depth, category, rendered, ray_length)
     return float(scores[covered].sum())

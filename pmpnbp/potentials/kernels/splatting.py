@@ -99,7 +99,7 @@ def _add_range(
     grid = int(round(np.sqrt(areas.shape[1])))
     # half a pixel to round by floor, one for the packed image's border
     lens32 = (np.float32(lens[0]), np.float32(lens[1]), np.float32(lens[2] + 1.5), np.float32(lens[3] + 1.5))
-    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4], terms[5])
+    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4], terms[5], terms[6])
     for i in range(start, stop):
         node = part[i]
         pose = poses[i, 0], poses[i, 1], poses[i, 2], poses[i, 3], poses[i, 4], poses[i, 5], poses[i, 6]
@@ -149,7 +149,7 @@ def add_scores(
     image : (packed (h + 2, w + 2), see `pack_view`; lens fx fy cx cy; pose_camera_world (7,); patches (h, w))
     splats : (points (N, D, 3, P), metres in the part's frame; areas (N, D), m²; centres (N, 3))
     part : (B,); poses : (B, 7), part in world; used : how many of the P points are used, the first ones
-    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance
+    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance, firm cost
     """
     if len(part) < PARALLEL_FROM or get_num_threads() == 1:
         _add_range(0, len(part), image, splats, part, poses, terms, robust, used, out)

@@ -127,7 +127,7 @@ def explained_together(problem: Problem, part_poses: Array, placed: set[int], to
     nowhere; the prior included where it speaks of one of them. What goes on beyond their outline may be the next
     part."""
     surfaces = problem.surfaces.without(_without_a_place(problem, placed))
-    pixel_score = replace(problem.part_score(tolerance), continued_reward=1.0)
+    pixel_score = replace(problem.plain_score(tolerance), continued_reward=1.0)
     score = object_scores(problem.observation, surfaces, part_poses, pixel_score, problem.nuisances)
     return problem.plus_prior(score, part_poses[:, problem.prior_node]) if problem.prior_node in placed else score
 

@@ -92,7 +92,7 @@ def confirmation(problem: Problem, root: Array, joints: Array) -> Confirmation:
             own[row] += np.bincount(number[chosen], minlength=problem.mrf.nodes)
         pixels.append((view, depth > 0, near))
     # a share of what should be seen: each pixel that is not confirmed counts once
-    scoring = replace(problem.score(tolerance), form="robust", firm_cost=1.0)
+    scoring = replace(problem.plain_score(tolerance), form="robust")
     score = object_scores(problem.observation, problem.surfaces, part_poses[None], scoring, problem.nuisances)[0]
     seen = (own[1] >= FEWEST_PIXELS) & (own[1] >= IN_SIGHT * own[0])
     most_within = np.full(problem.mrf.nodes, DENIED_WITHIN)

@@ -144,9 +144,15 @@ class Problem:
         return max(self.settings.tolerance_end, DEVIATIONS * float(self.noise.max(initial=0.0)))
 
     def score(self, tolerance: float) -> PixelScore:
-        """The pixel score of the settings at a tolerance in metres, of whole objects. While that is loose no pixel
-        costs more than another, so that they pass through places that the scan denies."""
-        chosen, loose = self.settings, tolerance > LOOSE * self.tolerance_end
+        """The pixel score of whole objects at a tolerance in metres: while that is loose the plain one, so that they
+        pass through places that the scan denies."""
+        plain = self.plain_score(tolerance)
+        return plain if tolerance > LOOSE * self.tolerance_end else replace(plain, firm_cost=FIRM_COST)
+
+    def plain_score(self, tolerance: float) -> PixelScore:
+        """The pixel score of the settings at a tolerance in metres, by which no pixel costs more than another: of parts
+        alone, and of what is not yet a whole object."""
+        chosen = self.settings
         return PixelScore(
             chosen.pixel_score,
             tolerance,
@@ -155,12 +161,7 @@ class Problem:
             chosen.support_reward,
             chosen.continued_reward,
             self.unit_distance,
-            1.0 if loose else FIRM_COST,
         )
-
-    def part_score(self, tolerance: float) -> PixelScore:
-        """The same of a part alone, of which no pixel costs more than another at any tolerance."""
-        return replace(self.score(tolerance), firm_cost=1.0)
 
     def unary(
         self, node: NDArray[np.integer], part_poses: Array, tolerance: float, renderer: Renderer, points: int = 0
@@ -171,7 +172,7 @@ class Problem:
             self.surfaces,
             node,
             part_poses,
-            self.part_score(tolerance),
+            self.plain_score(tolerance),
             renderer=renderer,
             points=points or self.settings.splat_points,
             nuisances=self.nuisances,

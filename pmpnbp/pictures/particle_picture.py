@@ -80,7 +80,7 @@ def particle_picture(
     """
     seen = problem.observation.views[view]
     rendered = render_part(seen.camera, problem.surfaces, node, report.belief.poses[node, index])
-    score = problem.part_score(report.tolerance)
+    score = problem.plain_score(report.tolerance)
     kinds = pixel_kinds(seen.depth, seen.category, rendered, score.tolerance)
     counts = {kind: int(np.count_nonzero(kinds == kind)) for kind in KIND_COLOURS}
     depth, rendered = (turned_back(image, seen.turn, seen.camera) for image in (seen.depth, rendered))

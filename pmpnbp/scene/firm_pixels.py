@@ -18,15 +18,13 @@ def firm_pixels(depth: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Which pixels of `depth` (h, w), metres, 0 where nothing was measured, are firm: with none of the four
     pairs of opposite neighbours does inverse depth, linear on planes, step, bend or lack. Pairs that reach beyond the
     picture say nothing."""
-    measured = depth > 0
-    inverse = np.divide(1.0, depth, out=np.full(depth.shape, np.nan), where=measured)
-    height, width = depth.shape
-    firm: NDArray[np.bool_] = measured.copy()
-    for down, across in OPPOSITE:
-        rows, columns = slice(down, height - down), slice(abs(across), width - abs(across))
-        here = inverse[rows, columns]
-        one = inverse[2 * down :, abs(across) + across : width - abs(across) + across]
-        other = inverse[: height - 2 * down, abs(across) - across : width - abs(across) - across]
-        # where a neighbour was not measured the comparison is False
-        firm[rows, columns] &= np.abs(2.0 * here - one - other) < STEP * here
+    firm, (height, width) = depth > 0, depth.shape
+    inverse = np.divide(1.0, depth, out=np.full(depth.shape, np.inf), where=firm)
+    padded = np.pad(inverse, 1, constant_values=np.nan)
+    with np.errstate(invalid="ignore"):
+        for down, across in OPPOSITE:
+            one = padded[1 + down :, 1 + across :][:height, :width]
+            other = padded[1 - down :, 1 - across :][:height, :width]
+            # beyond the picture the comparison is False, and infinite where a neighbour was not measured it is True
+            firm &= ~(np.abs(2.0 * inverse - one - other) >= STEP * inverse)
     return firm

@@ -161,7 +161,7 @@ def test_links_explain_a_pixel_once_and_those_without_a_place_none(rng: np.rando
     for count in range(1, 7):
         shorter = prepare_surfaces(replace(model, parts=model.parts[:count], edges=model.edges[: count - 1]))
         expected = object_scores(
-            observation, shorter, part_poses[:, :count], replace(made.part_score(0.03), continued_reward=1.0)
+            observation, shorter, part_poses[:, :count], replace(made.plain_score(0.03), continued_reward=1.0)
         )
         wherever = part_poses.copy()
         wherever[:, count:] = 0.0

@@ -208,6 +208,16 @@ def test_a_profile_score_is_that_of_the_most_likely_normal_error(off: float) -> 
     assert there == pytest.approx(expected, rel=0.05, abs=0.02 * pixels)
 
 
+@pytest.mark.parametrize(("tolerance", "firm_cost"), [(0.5, 6.0), (1.0, 6.0), (2.0, 6.0), (2.1, 1.0), (5.0, 1.0)])
+def test_pixels_cost_more_than_others_only_of_whole_objects_at_tight_tolerances(
+    scene: problem.Problem, tolerance: float, firm_cost: float
+) -> None:
+    tolerance *= scene.tolerance_end
+    plain = scene.plain_score(tolerance)
+    assert plain.tolerance == tolerance and plain.firm_cost == 1.0
+    assert scene.score(tolerance) == replace(plain, firm_cost=firm_cost)
+
+
 def test_a_prior_counts_once_in_a_profile_score(scene: problem.Problem, rng: np.random.Generator) -> None:
     root, joints = worlds.cupboard_truth()
     informed = problem.build(

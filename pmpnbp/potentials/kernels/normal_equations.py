@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pmpnbp.potentials.kernels.compiling import inner, kernel
 from pmpnbp.potentials.kernels.continuation import patch_room, weigh_patches
-from pmpnbp.potentials.kernels.pixel_scores import CATEGORY_BITS, depth_of, pixel_reward
+from pmpnbp.potentials.kernels.pixel_scores import CATEGORY_BITS, depth_of, pixel_reward, score_terms
 from pmpnbp.potentials.kernels.rasteriser import draw_object, scratch
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
@@ -112,7 +112,7 @@ def _add_range(
     height, width = packed.shape[0] - 2, packed.shape[1] - 2
     view = (lens, pose_camera_world, width, height)
     room = scratch(mesh, width, height)
-    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4], terms[5], terms[6])
+    terms32 = score_terms(terms, terms[4])
     patch_counts = patch_room(patch_count, width)
     pixels = (np.empty((2, height * width), dtype=np.int32), np.empty((3, height * width)))
     size = probes.shape[1]

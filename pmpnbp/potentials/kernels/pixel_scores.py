@@ -67,6 +67,13 @@ def pixel_reward(category: Any, support_reward: Any, continued_reward: Any) -> A
     return _ONE if category == OBJECT else beside
 
 
+@inner(error_model="numpy")
+def score_terms(terms: Any, continued_reward: Any) -> Any:
+    """The terms that `robust_pixel` takes, from an array, with another continued reward: of the whole object a surface
+    counts by whether it goes on beyond the outline, known there and not pixel by pixel."""
+    return (terms[0], terms[1], terms[2], terms[3], continued_reward, terms[5], terms[6])
+
+
 @kernel(error_model="numpy", fastmath={"nsz", "contract"})
 def robust_pixel(word: Any, rendered: Any, terms: Any) -> Any:
     """Score of a covered pixel whose packed observation is `word` and whose rendered depth is `rendered`, float32.

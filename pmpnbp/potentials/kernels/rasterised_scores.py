@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pmpnbp.potentials.kernels.compiling import inner, kernel
 from pmpnbp.potentials.kernels.continuation import patch_room, weigh_patches
-from pmpnbp.potentials.kernels.pixel_scores import distance_pixel, robust_pixel
+from pmpnbp.potentials.kernels.pixel_scores import distance_pixel, robust_pixel, score_terms
 from pmpnbp.potentials.kernels.rasteriser import draw_object, draw_part, scratch
 
 # Below this many poses a parallel launch costs more than it saves.
@@ -61,7 +61,7 @@ def _add_part_range(
     packed, lens, pose_camera_world, _, _ = image
     view = (lens, pose_camera_world, packed.shape[1] - 2, packed.shape[0] - 2)
     room = scratch(mesh, view[2], view[3])
-    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4], terms[5], terms[6])
+    terms32 = score_terms(terms, terms[4])
     for i in range(start, len(part), step):
         box, stride = draw_part(np.int64(part[i]), poses[i], view, mesh, room)
         if robust:
@@ -90,13 +90,6 @@ def _sum_weighed(buffer: Any, stride: int, box: Any, packed: Any, patches: Any, 
     return total
 
 
-@inner(error_model="numpy")
-def _as_tuple(terms: Any, continued_reward: Any) -> Any:
-    """The terms with another reward of what goes on: of the whole object that counts by whether it goes on beyond the
-    outline, known here and not part by part."""
-    return (terms[0], terms[1], terms[2], terms[3], continued_reward, terms[5], terms[6])
-
-
 @kernel(error_model="numpy")
 def _add_object_range(
     start: int, step: int, image: Any, mesh: Any, poses: Any, terms: Any, robust: bool, out: Any
@@ -110,11 +103,11 @@ def _add_object_range(
         for k in range(len(terms)):
             one = terms[k]
             if robust and count > 1 and one[4] < _ONE:
-                weigh_patches(room[5], stride, box, packed, patches, _as_tuple(one, one[4]), patch_counts)
+                weigh_patches(room[5], stride, box, packed, patches, score_terms(one, one[4]), patch_counts)
                 weights = patch_counts[2]
-                out[i, k] += _sum_weighed(room[5], stride, box, packed, patches, weights, _as_tuple(one, _ONE))
+                out[i, k] += _sum_weighed(room[5], stride, box, packed, patches, weights, score_terms(one, _ONE))
             elif robust:
-                out[i, k] += _sum_robust(room[5], stride, box, packed, _as_tuple(one, _ONE))
+                out[i, k] += _sum_robust(room[5], stride, box, packed, score_terms(one, _ONE))
             else:
                 out[i, k] += _sum_distance(room[5], stride, box, packed, lens)
 

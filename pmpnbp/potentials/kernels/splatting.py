@@ -14,7 +14,7 @@ from numba import get_num_threads, prange
 from numpy.typing import NDArray
 
 from pmpnbp.potentials.kernels.compiling import inner, kernel
-from pmpnbp.potentials.kernels.pixel_scores import distance_pixel, robust_pixel
+from pmpnbp.potentials.kernels.pixel_scores import distance_pixel, robust_pixel, score_terms
 from pmpnbp.potentials.kernels.projection import map_in_camera, pose_in_camera, single
 
 # Points nearer than this to the camera's plane are not seen; sensors of this kind measure nothing there.
@@ -99,7 +99,7 @@ def _add_range(
     grid = int(round(np.sqrt(areas.shape[1])))
     # half a pixel to round by floor, one for the packed image's border
     lens32 = (np.float32(lens[0]), np.float32(lens[1]), np.float32(lens[2] + 1.5), np.float32(lens[3] + 1.5))
-    terms32 = (terms[0], terms[1], terms[2], terms[3], terms[4], terms[5], terms[6])
+    terms32 = score_terms(terms, terms[4])
     for i in range(start, stop):
         node = part[i]
         pose = poses[i, 0], poses[i, 1], poses[i, 2], poses[i, 3], poses[i, 4], poses[i, 5], poses[i, 6]

@@ -68,10 +68,10 @@ class Confirmation:
         return self.outside > OUTSIDE_REGION * self.covered
 
 
-def confirmation(problem: Problem, root: Array, joints: Array) -> Confirmation:
-    """What the problem's views say of a configuration (7,), (D,), at its last tolerance."""
+def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float | None = None) -> Confirmation:
+    """What the problem's views say of a configuration (7,), (D,), at a tolerance in metres, or the last one."""
     part_poses = problem.mrf.part_poses(root, joints)
-    tolerance = problem.tolerance_end
+    tolerance = problem.tolerance_end if tolerance is None else tolerance
     covered = hidden = confirmed = outside = 0
     expected = 0.0
     # pixels of each part: covered, in sight, confirmed, seen through, and that within its outline
@@ -85,7 +85,8 @@ def confirmation(problem: Problem, root: Array, joints: Array) -> Confirmation:
         hidden += int(np.count_nonzero(kinds == PixelKind.IN_FRONT))
         confirmed += int(np.count_nonzero(near))
         outside += int(np.count_nonzero(kinds == PixelKind.OUTSIDE_ROI))
-        expected += float(((depth / problem.unit_distance) ** 2)[in_sight].sum())
+        counted = np.where(near, view.depth, depth)[in_sight]
+        expected += float(((counted / problem.unit_distance) ** 2).sum())
         through = kinds == PixelKind.SEEN_THROUGH
         within = _clumps(through & (view.depth > depth), depth > 0)
         for row, chosen in enumerate((depth > 0, in_sight, near, through, within)):

@@ -24,6 +24,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import log_weights as lw
 from pmpnbp.inference.belief import FLIP, OWN, Belief, IterationReport, Origin, State
 from pmpnbp.inference.chain_growth import grow
+from pmpnbp.inference.confirmation import confirmation
 from pmpnbp.inference.hypotheses import Hypotheses, Proposals, distinct, part_unary, ranked, walk
 from pmpnbp.inference.initialisation import fresh_roots, random_joints
 from pmpnbp.inference.problem import Problem
@@ -31,7 +32,6 @@ from pmpnbp.inference.rivals import turned, turning_axes
 from pmpnbp.inference.settling import SETTLE_INFORMED, SETTLE_UNINFORMED, Settling, settled, tight_tolerance
 from pmpnbp.inference.tree_estimate import configuration_scores, polish, profile_scores
 from pmpnbp.inference.unexplained import is_within_region, unexplained
-from pmpnbp.potentials.unary import explained_share
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.settings import Schedule
 
@@ -69,13 +69,13 @@ def step(rng: np.random.Generator, state: State, problem: Problem) -> tuple[Stat
     if state.iteration - state.search_after < problem.search_iterations:
         return state, report
     state, report, notes = _looked_elsewhere(rng, state, problem, report)
-    shares, rivals = [_explained(problem, report)], [state.rivals]
+    shares, rivals = [_explained(problem, state)], [state.rivals]
     while shares[-1] < problem.settings.search_explained and len(shares) <= problem.settings.search_restarts:
         other, its_report = _made_again(rng, state, problem)
         rivals.append(other.rivals)
         if its_report.map_score > report.map_score:
             state, report = other, its_report
-        shares.append(_explained(problem, report))
+        shares.append(_explained(problem, state))
     if len(shares) > 1:
         notes += (
             f"the search was made {len(shares)} times, as the scan confirmed {100 * shares[0]:.0f} % of what the first "
@@ -122,15 +122,17 @@ def _looked_elsewhere(
 
 def _made_again(rng: np.random.Generator, state: State, problem: Problem) -> tuple[State, IterationReport]:
     """Another search, from the start, that ends in the same iteration."""
-    ended, problem = state.iteration, problem.the_other_way
+    ended, problem = state.iteration, replace(problem.the_other_way, patient=True)
     for number in range(problem.search_iterations):
         before = replace(state, iteration=state.search_after + number)
         state, report = _searched(rng, before, problem, anew=True)
     return replace(state, iteration=ended), replace(report, iteration=ended)
 
 
-def _explained(problem: Problem, report: IterationReport) -> float:
-    return explained_share(problem.observation, problem.surfaces, report.map_poses, tight_tolerance(problem))
+def _explained(problem: Problem, state: State) -> float:
+    """The share that the scan confirms of what should be seen where the search has ended."""
+    assert state.root is not None and state.joints is not None
+    return confirmation(problem, state.root, state.joints, tight_tolerance(problem)).explained
 
 
 def _searched(

@@ -36,8 +36,9 @@ LONG_CHAIN, CHAIN = 10, 3
 # the proposals of a search that it leaves.
 NARROW = 0.12, 0.25
 NARROW_ITERATIONS, NARROW_PROPOSALS = 0.5, 0.5
-# The tolerance is as many standard deviations of the scan's depths at least: less leaves out what is there.
-DEVIATIONS = 2.0
+# The tolerance is as many standard deviations of the scan's depths at least: less leaves out what is there. A surface
+# is seen through from THROUGH of them on: noise puts few pixels so far behind.
+DEVIATIONS, THROUGH = 2.0, 4.0
 # How many times as much as others a pixel that is seen through amid a smooth surface costs at most; and the tolerance
 # above which it costs no more than they do, as a multiple of the last one.
 FIRM_COST, LOOSE = 6.0, 2.0
@@ -58,6 +59,7 @@ class Problem:
     nuisances : (K,) what they are taken for; None where all are fixed
     grows : whether the object is looked for link by link, see `inference/chain_growth.py`
     arrival : which views came last, and after which iteration; None where all were there at the beginning
+    patient : whether the object is looked for as long with a narrow prior as with another
     """
 
     mrf: Mrf
@@ -80,6 +82,7 @@ class Problem:
     nuisances: Array | None
     grows: bool
     arrival: Arrival | None = None
+    patient: bool = False
 
     @property
     def any_orientation(self) -> bool:
@@ -89,7 +92,7 @@ class Problem:
     @property
     def narrow(self) -> bool:
         """Whether a gaussian prior says where the object is so well that its search can be short."""
-        if isinstance(self.prior, UniformPrior):
+        if isinstance(self.prior, UniformPrior) or self.patient:
             return False
         return bool(np.max(self.prior.std_xyz) <= NARROW[0] and np.max(self.prior.std_rpy) <= NARROW[1])
 
@@ -161,6 +164,7 @@ class Problem:
             chosen.support_reward,
             chosen.continued_reward,
             self.unit_distance,
+            through_from=THROUGH * float(self.noise.max(initial=0.0)),
         )
 
     def unary(

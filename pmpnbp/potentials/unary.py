@@ -44,6 +44,8 @@ class PixelScore:
     unit_distance : metres, at which a robust pixel counts 1; elsewhere by the square of its distance, as it covers more
         or less of a surface: what is near has more pixels of the same evidence
     firm_cost : how many times the free space cost a pixel amid a smooth surface (`View.firm`) costs at most
+    through_from : metres behind the rendered surface from which on a pixel costs, where that is more than the
+        tolerance: what noise may have put there costs nothing, as little as it does in front
     """
 
     form: Literal["robust", "distance"] = "robust"
@@ -54,6 +56,7 @@ class PixelScore:
     continued_reward: float = 0.1
     unit_distance: float = 1.0
     firm_cost: float = 1.0
+    through_from: float = 0.0
 
     def __post_init__(self) -> None:
         if self.form not in ("robust", "distance"):
@@ -64,9 +67,12 @@ class PixelScore:
 
     @property
     def terms(self) -> NDArray[np.float32]:
-        """tolerance, costs, rewards, unit distance and firm cost, as above and as the kernels take them."""
+        """tolerance, costs, rewards, unit distance, firm cost and where pixels are seen through, as the kernels take
+        them."""
         costs, rewards = (self.free_space_cost, self.occlusion_cost), (self.support_reward, self.continued_reward)
-        return np.array([self.tolerance, *costs, *rewards, self.unit_distance, self.firm_cost], dtype=np.float32)
+        from_on = max(self.through_from / self.tolerance, 1.0) ** 2
+        terms = (self.tolerance, *costs, *rewards, self.unit_distance, self.firm_cost, from_on)
+        return np.array(terms, dtype=np.float32)
 
 
 def unary_scores(
@@ -217,19 +223,6 @@ def visible_fractions(
                 not_hidden = np.count_nonzero((number == node) & ~hidden)
                 fractions[node] = max(fractions[node], not_hidden / covered)
     return fractions
-
-
-def explained_share(observation: Observation, surfaces: Surfaces, poses_world_part: Array, tolerance: float) -> float:
-    """Share, 0 to 1, of the pixels that the parts at poses (N, 7) cover together and nothing else is in front of, by
-    more than `tolerance` metres: each counts as the robust score has it, 1 at the observed depth, 0 from `tolerance`
-    beside it on. Pixels without depth do not count; where none does the share is 0."""
-    explained, counted = 0.0, 0
-    for view, _, depth, number in renders(observation, surfaces, poses_world_part):
-        behind = (view.depth - depth)[(number >= 0) & (view.depth > 0)].astype(np.float64)
-        compared = behind[behind > -tolerance]
-        explained += float(np.maximum(0.0, 1.0 - (compared / tolerance) ** 2).sum())
-        counted += len(compared)
-    return explained / max(counted, 1)
 
 
 def _apparent(

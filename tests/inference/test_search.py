@@ -12,9 +12,9 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import global_search, hypotheses, initialisation, problem, rivals, run, settling
 from pmpnbp.inference.belief import FLIP, OWN, SURFACE
+from pmpnbp.inference.confirmation import confirmation
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores
-from pmpnbp.potentials.unary import explained_share
 from pmpnbp.readout.metrics import add, model_points
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 from pmpnbp.scene.prior import UniformPrior
@@ -325,10 +325,21 @@ def test_what_the_scan_does_not_confirm_is_searched_again(scene: Problem) -> Non
 def test_what_the_scan_confirms_is_not_searched_again(scene: Problem, searched: list[run.IterationReport]) -> None:
     last = searched[-1]
     assert scene.settings.search_restarts > 0 and last.notes == ()
-    share = explained_share(scene.observation, scene.surfaces, last.map_poses, 0.024)
-    assert share > scene.settings.search_explained
+    assert confirmation(scene, last.map_poses[0], last.map_joints, 0.024).explained > scene.settings.search_explained
     never = searched_with(scene, search_explained=0.0)[-1]
     assert never.notes == ()
+
+
+def test_a_search_made_again_is_as_long_as_without_a_prior(scene: Problem) -> None:
+    """What a narrow prior says that is wrong is made good then."""
+    near = worlds.rough_prior(np.random.default_rng(0), ROOT, MODEL.parts[0].links[0])
+    narrow = problem.build(MODEL, scene.observation, near, scene.settings)
+    again = replace(narrow, patient=True)
+    assert narrow.narrow and not again.narrow
+    assert narrow.search_iterations < again.search_iterations == scene.search_iterations
+    assert narrow.search_proposals < again.search_proposals == scene.search_proposals
+    reports = searched_with(narrow, search_explained=2.0, search_restarts=1)
+    assert reports[-1].iteration == 1 and "the search was made 2 times" in reports[-1].notes[0]
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -15,7 +15,6 @@ from pmpnbp.potentials.kernels import rasteriser, reference
 from pmpnbp.potentials.surfaces import Surfaces, prepare_surfaces
 from pmpnbp.potentials.unary import (
     PixelScore,
-    explained_share,
     object_scores,
     object_scores_by_each,
     render,
@@ -23,7 +22,7 @@ from pmpnbp.potentials.unary import (
     visible_fractions,
 )
 from pmpnbp.scene.articulated_object import Mesh
-from pmpnbp.scene.observation import OBJECT, View
+from pmpnbp.scene.observation import OBJECT
 from tests.potentials import posed_parts
 
 FORMS = [PixelScore("robust", tolerance=0.03, firm_cost=6.0), PixelScore("distance")]
@@ -250,30 +249,6 @@ def test_visible_fractions(surfaces: Surfaces) -> None:
     clear = posed_parts.view(EYE, np.zeros_like(depth), np.zeros(depth.shape, dtype=np.uint8))
     best = visible_fractions(posed_parts.observation([seen, clear]), surfaces, pose, 0.02)
     np.testing.assert_allclose(best[0], np.count_nonzero(number == 0) / alone)
-
-
-def test_explained_share(surfaces: Surfaces) -> None:
-    """Columns of a box's picture as it should be, without depth, with something in front, 1 cm and far behind it."""
-    pose = np.tile(poses.IDENTITY, (5, 1))
-    pose[:, 2] = [1.0, -5.0, -5.0, -5.0, -5.0]
-    depth, number = render(EYE, surfaces, pose)
-    assert explained_share(posed_parts.observation([seen_as(depth)]), surfaces, pose, 0.02) == pytest.approx(1.0)
-    covered = number == 0
-    kinds = np.broadcast_to(np.arange(80) % 5, depth.shape)[covered]
-    changes = np.array([0.0, np.nan, -0.1, 0.01, 0.5])[kinds]
-    depth[covered] = np.where(np.isnan(changes), 0.0, depth[covered] + changes)
-    expected = (np.sum(kinds == 0) + 0.75 * np.sum(kinds == 3)) / np.isin(kinds, [0, 3, 4]).sum()
-    found = explained_share(posed_parts.observation([seen_as(depth)]), surfaces, pose, 0.02)
-    assert 0.4 < expected < 0.8
-    assert found == pytest.approx(expected, abs=1e-4)
-    # views count by their pixels; where there is nothing to compare with, nothing is explained
-    empty = seen_as(np.zeros_like(depth))
-    assert explained_share(posed_parts.observation([seen_as(depth), empty]), surfaces, pose, 0.02) == found
-    assert explained_share(posed_parts.observation([empty]), surfaces, pose, 0.02) == 0.0
-
-
-def seen_as(depth: np.ndarray) -> View:
-    return posed_parts.view(EYE, depth, np.full(depth.shape, OBJECT, dtype=np.uint8))
 
 
 def test_no_parts_to_score_and_no_views(surfaces: Surfaces) -> None:

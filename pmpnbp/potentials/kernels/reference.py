@@ -25,21 +25,27 @@ def robust_scores(
 ) -> Floats:
     """Scores of covered pixels, any shape, from observed and rendered depth in metres and the observation's category.
 
-    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance, firm cost
+    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance, firm cost, and
+        the square of how many tolerances behind a pixel is seen through from on
     Within the tolerance 1 - (difference / tolerance)², on a support plane times the support reward, on a surface
-    longer than the object times the continued reward, outside the region of interest 0. Observed behind the rendered
-    surface: minus the free space cost, and of a `firm` pixel that times (difference / tolerance)² - 1, between 1 and
-    the firm cost. Observed in front: minus the occlusion cost, but a part behind a support plane costs as much as one
-    in free space. All times the square of rendered depth over unit distance.
+    longer than the object times the continued reward, outside the region of interest 0, all times the square of
+    observed depth over unit distance. Beyond it, times the square of rendered depth over unit distance: observed behind
+    the rendered surface 0 up to where a pixel is seen through, from there on minus the free space cost, and of a `firm`
+    pixel that times (difference / tolerance)² - 1, between 1 and the firm cost; observed in front minus the occlusion
+    cost, but a part behind a support plane costs as much as one in free space.
     """
-    tolerance, free_space_cost, occlusion_cost, support_reward, continued_reward, unit_distance, firm_cost = terms
+    tolerance, free_space_cost, occlusion_cost, support_reward, continued_reward, unit_distance, firm_cost = terms[:7]
     difference = observed - rendered
-    through = free_space_cost * np.where(firm, np.clip((difference / tolerance) ** 2 - 1.0, 1.0, firm_cost), 1.0)
+    square = (difference / tolerance) ** 2
+    through = free_space_cost * np.where(firm, np.clip(square - 1.0, 1.0, firm_cost), 1.0)
     rewards = {OBJECT: 1.0, SUPPORT: support_reward, CONTINUED: continued_reward}
     reward = np.select([category == what for what in rewards], list(rewards.values()), 0.0)
-    outlier = np.where((difference > 0) | (category == SUPPORT), -through, -occlusion_cost)
-    score = np.where(np.abs(difference) < tolerance, reward * (1.0 - (difference / tolerance) ** 2), outlier)
-    return np.where(category == NO_DEPTH, 0.0, score) * (rendered / unit_distance) ** 2
+    behind = np.where(square < terms[7], 0.0, -through)
+    in_front = np.where(category == SUPPORT, -through, -occlusion_cost)
+    explained = np.abs(difference) < tolerance
+    score = np.where(explained, reward * (1.0 - square), np.where(difference > 0, behind, in_front))
+    depth = np.where(explained, observed, rendered)
+    return np.where(category == NO_DEPTH, 0.0, score) * (depth / unit_distance) ** 2
 
 
 def distance_scores(observed: Floats, category: NDArray[np.uint8], rendered: Floats, ray_length: Floats) -> Floats:

@@ -1,0 +1,67 @@
+"""How much of what should be seen a scan confirms, counted pixel by pixel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pmpnbp.inference import problem as problems
+from pmpnbp.inference.confirmation import confirmation
+from pmpnbp.inference.problem import Problem
+from pmpnbp.potentials.unary import render
+from pmpnbp.scene.observation import NO_DEPTH, OBJECT
+from pmpnbp.scene.observe import observe
+from pmpnbp.scene.prior import UniformPrior
+from tests.inference import small_worlds as worlds
+
+MODEL = worlds.cupboard()
+ROOT, JOINTS = worlds.cupboard_truth()
+CAMERA = worlds.camera_at((0.0, 0.0, 0.7), ROOT[:3] + [0, 0, 0.2])
+
+
+@pytest.fixture(scope="module")
+def scene() -> Problem:
+    scan = worlds.scan(MODEL, MODEL.part_poses(ROOT, JOINTS), CAMERA)
+    observation = observe([scan], np.array([*(ROOT[:3] - 0.6), *(ROOT[:3] + 0.7)]), up=worlds.UP)
+    return problems.build(MODEL, observation, UniformPrior("upright"), worlds.settings(), particles=20)
+
+
+def seen_in(scene: Problem, *depths: np.ndarray) -> Problem:
+    """The problem with a view of each of some depth images."""
+    view = scene.observation.views[0]
+    views = tuple(
+        replace(view, depth=depth, category=np.where(depth > 0, OBJECT, NO_DEPTH).astype(np.uint8)) for depth in depths
+    )
+    return replace(scene, observation=replace(scene.observation, views=views))
+
+
+@pytest.mark.parametrize("tolerance", [None, 0.02])
+def test_each_pixel_confirms_denies_or_says_nothing(scene: Problem, tolerance: float | None) -> None:
+    """Columns of the picture as it should be, without depth, with something in front, 6 mm and far behind it."""
+    rendered, number = render(scene.observation.views[0].camera, scene.surfaces, MODEL.part_poses(ROOT, JOINTS))
+    covered = number >= 0
+    kinds = np.broadcast_to(np.arange(rendered.shape[1]) % 5, rendered.shape)
+    changes = np.array([0.0, -1.0, -0.1, 0.006, 0.5], dtype=np.float32)[kinds]
+    depth = np.where(covered & (kinds != 1), rendered + changes, np.float32(0))
+    tau = tolerance or scene.tolerance_end
+    weight, near = (image.astype(np.float64) / scene.unit_distance for image in (rendered, depth))
+    asked = [covered & (kinds == kind) for kind in range(5)]
+    told = np.sum(near[asked[0]] ** 2) + (1 - (0.006 / tau) ** 2) * np.sum(near[asked[3]] ** 2)
+    told -= np.sum(weight[asked[4]] ** 2) + scene.settings.occlusion_cost * np.sum(weight[asked[2]] ** 2)
+    expected = told / (sum(np.sum(near[asked[kind]] ** 2) for kind in (0, 3)) + np.sum(weight[asked[4]] ** 2))
+    assert 0.2 < expected < 0.6
+    found = confirmation(seen_in(scene, depth), ROOT, JOINTS, tolerance)
+    assert found.explained == pytest.approx(expected, abs=2e-3)
+    assert found.hidden == np.count_nonzero(asked[2])
+    assert found.confirmed == np.count_nonzero(asked[0]) + np.count_nonzero(asked[3])
+    # views count by their pixels; where there is nothing to compare with, nothing is explained
+    empty = np.zeros_like(depth)
+    assert confirmation(seen_in(scene, depth, empty), ROOT, JOINTS, tolerance).explained == found.explained
+    assert confirmation(seen_in(scene, empty), ROOT, JOINTS, tolerance).explained == 0.0
+
+
+def test_a_picture_as_it_should_be_confirms_all(scene: Problem) -> None:
+    rendered, _ = render(scene.observation.views[0].camera, scene.surfaces, MODEL.part_poses(ROOT, JOINTS))
+    assert confirmation(seen_in(scene, rendered), ROOT, JOINTS).explained == pytest.approx(1.0, abs=1e-3)

@@ -23,6 +23,7 @@ from pmpnbp.potentials.unary import renders
 from pmpnbp.readout.held_part import LITTLE, Held, shown
 from pmpnbp.scene.depth_noise import told_noise
 from pmpnbp.scene.flying_pixels import NEIGHBOURS
+from pmpnbp.scene.observation import OUTSIDE, SUPPORT
 
 # Standard deviations: an outline's pixel is off across it by EDGE pixels, and a surface's depth by FACE of what a pixel
 # measures there, divided by the square root of how many of the scan's are one, for these are off themselves; and by
@@ -66,9 +67,10 @@ def grain(problem: Problem, place: Held) -> Array:
     ):
         if view.distance <= 0:
             continue
-        near = shown(problem, view, depth)
+        # what may be floor, or another thing, hardly counts where it is explained, and holds nothing in its place
+        telling = shown(problem, view, depth) & (view.category != SUPPORT) & (view.category != OUTSIDE)
         in_view = told_of_parts(
-            view.camera, depth, number, near, middles, problem.tolerance_end, float(noise[camera]), 1.0, view.binned
+            view.camera, depth, number, telling, middles, problem.tolerance_end, float(noise[camera]), 1.0, view.binned
         )
         in_view = distorted(in_view, view.camera, view.distortion, middles, mrf.radii)
         unknown = distorted_as_one(view.camera, view.distortion, middles[None], mrf.radii, place.part, size)

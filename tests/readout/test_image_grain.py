@@ -40,6 +40,7 @@ from pmpnbp.readout.image_grain import (
 )
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.depth_noise import SHARED
+from pmpnbp.scene.observation import OUTSIDE, SUPPORT
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
 
@@ -315,6 +316,24 @@ def test_what_no_outline_tells_has_no_grain() -> None:
     assert 1e-4 < np.sqrt(found[0, 0]) < 1e-3
     from_front, root, joints = looked_at((0.0, 0.0, 0.7))
     assert 1e-4 < np.sqrt(grained(from_front, root, joints)[6, 6]) < 2e-3
+
+
+@pytest.mark.parametrize("category", [SUPPORT, OUTSIDE])
+def test_what_may_be_something_else_tells_as_little_as_what_was_not_measured(category: int) -> None:
+    """The lower half of the picture, where the cupboard stands, all but counts for nothing in its score as well."""
+    made, root, joints = looked_at((0.0, 0.3, 0.7))
+    (view,) = made.observation.views
+    lower = np.indices(view.depth.shape)[0] > view.depth.shape[0] // 2
+    known, labelled, lost = (
+        grained(replace(made, observation=replace(made.observation, views=(one,))), root, joints)
+        for one in (
+            view,
+            replace(view, category=np.where(lower, category, view.category).astype(np.uint8)),
+            replace(view, depth=np.where(lower, np.float32(0), view.depth)),
+        )
+    )
+    np.testing.assert_array_equal(labelled, lost)
+    assert np.linalg.eigvalsh(labelled[:6, :6] - known[:6, :6])[-1] > 0.3 * np.linalg.eigvalsh(known[:6, :6])[-1]
 
 
 def test_two_views_have_their_own_grain_each(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -45,12 +45,9 @@ def test_the_kernels_categories_are_those_of_the_observation() -> None:
     ],
 )
 def test_robust_score_of_a_pixel(category: int, difference: float, expected: float) -> None:
-    observed, rendered = np.float32(1.0 + difference), np.float32(1.0)
-    slow = reference.robust_scores(observed, np.array(category), rendered, TERMS)
-    word = pixel_scores.pack_view(np.array([[observed]]), np.array([[category]], dtype=np.uint8))[1, 1]
-    fast = pixel_scores.robust_pixel(word, rendered, tuple(TERMS))
+    fast, slow = of_a_pixel(category, difference, TERMS, firm=False)
     # where it is explained it covers what was measured, a little nearer or farther off
-    weight = observed**2 if abs(difference) < TAU else 1.0
+    weight = (1.0 + difference) ** 2 if abs(difference) < TAU else 1.0
     assert slow == pytest.approx(weight * expected, abs=1e-5)
     assert fast == pytest.approx(weight * expected, abs=1e-4)
 

@@ -24,6 +24,7 @@ from pmpnbp.potentials.kernels.pixel_scores import FIRM_BIT, pack_patches, pack_
 from pmpnbp.potentials.nuisances import apparent
 from pmpnbp.potentials.pixel_kinds import in_front
 from pmpnbp.potentials.surfaces import Surfaces
+from pmpnbp.scene.firm_pixels import STEP
 from pmpnbp.scene.observation import Observation, View
 
 Renderer = Literal["splats", "rasteriser"]
@@ -44,8 +45,12 @@ class PixelScore:
     unit_distance : metres, at which a robust pixel counts 1; elsewhere by the square of its distance, as it covers more
         or less of a surface: what is near has more pixels of the same evidence
     firm_cost : how many times the free space cost a pixel amid a smooth surface (`View.firm`) costs at most
+    firm_step : share of its depth up to which a step at a firm pixel is not noticed: behind by less it may show parts
+        of two surfaces, and costs once
     through_from : metres behind the rendered surface from which on a pixel costs, where that is more than the
         tolerance: what noise may have put there costs nothing, as little as it does in front
+    edge_weight : what a pixel that is not firm counts, as a share: beside a step in the depth it is of one surface or
+        of the other, as a whole
     """
 
     form: Literal["robust", "distance"] = "robust"
@@ -56,7 +61,9 @@ class PixelScore:
     continued_reward: float = 0.1
     unit_distance: float = 1.0
     firm_cost: float = 1.0
+    firm_step: float = STEP
     through_from: float = 0.0
+    edge_weight: float = 1.0
 
     def __post_init__(self) -> None:
         if self.form not in ("robust", "distance"):
@@ -67,11 +74,13 @@ class PixelScore:
 
     @property
     def terms(self) -> NDArray[np.float32]:
-        """tolerance, costs, rewards, unit distance, firm cost and where pixels are seen through, as the kernels take
-        them."""
+        """(10,) for the kernels: tolerance, free space cost, occlusion cost, support reward, continued reward,
+        unit distance, firm cost, firm step, the square of how many tolerances behind a pixel is seen through from on,
+        and edge weight."""
         costs, rewards = (self.free_space_cost, self.occlusion_cost), (self.support_reward, self.continued_reward)
+        firm = (self.firm_cost, self.firm_step)
         from_on = max(self.through_from / self.tolerance, 1.0) ** 2
-        terms = (self.tolerance, *costs, *rewards, self.unit_distance, self.firm_cost, from_on)
+        terms = (self.tolerance, *costs, *rewards, self.unit_distance, *firm, from_on, self.edge_weight)
         return np.array(terms, dtype=np.float32)
 
 

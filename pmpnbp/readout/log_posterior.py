@@ -16,6 +16,9 @@ from pmpnbp.scene.depth_noise import SHARED, told_noise
 # A pixel's score 1 - (d / tau)^2 counts as a Gaussian's logarithm with a standard deviation of FLOOR, metres, and
 # SHARED times the depths' own. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
 FLOOR = 0.0035
+# What a pixel beside a step of the scan's depth counts, as a share: such a pixel turns as a whole from one surface to
+# the other, so that the score is rough there, by nats between places that are all but the same.
+EDGES = 0.7
 
 
 def confidence(problem: Problem) -> float:
@@ -28,7 +31,7 @@ def log_posterior(problem: Problem, roots: Array, joints: Array, nuisances: Arra
     """(C,) up to a constant, of root poses (C, 7) and joint vectors (C, D), under nuisances (C, K) or the problem's."""
     part_poses = problem.part_poses(roots, joints, nuisances)
     # also where the inference scores by eq. 10, whose sum of distances is no logarithm of a likelihood
-    scoring = replace(problem.score(problem.tolerance_end), form="robust")
+    scoring = replace(problem.score(problem.tolerance_end), form="robust", edge_weight=EDGES)
     nuisances = problem.nuisances if nuisances is None else nuisances
     score = confidence(problem) * object_scores(problem.observation, problem.surfaces, part_poses, scoring, nuisances)
     if nuisances is not None:

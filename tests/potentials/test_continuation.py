@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -70,7 +72,8 @@ def test_what_is_beyond_the_picture_says_nothing() -> None:
     assert share_kept(wall, plate(3.0, 3.0), at(0.0, 0.0)) == pytest.approx(1.0, abs=0.01)
 
 
-def test_scores_are_those_of_the_reference(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("edge_weight", [1.0, 0.4])
+def test_scores_are_those_of_the_reference(rng: np.random.Generator, edge_weight: float) -> None:
     """Plates at random places before a room of smooth surfaces, some of which go on beyond them and some do not."""
     depth = np.full((EYE.height, EYE.width), 1.3)
     depth[:, 70:] = np.linspace(1.3, 0.9, EYE.width - 70)
@@ -83,9 +86,10 @@ def test_scores_are_those_of_the_reference(rng: np.random.Generator) -> None:
     place = rng.uniform([-0.5, -0.35, 0.78], [0.5, 0.35, 1.32], (60, 3))
     place[::3, 2] = 1.0
     pose = np.concatenate([place, np.tile([1.0, 0.0, 0.0, 0.0], (60, 1))], axis=1)[:, None]
-    fast = object_scores(posed_parts.observation([view]), surfaces, pose, SCORE)
+    score = replace(SCORE, edge_weight=edge_weight)
+    fast = object_scores(posed_parts.observation([view]), surfaces, pose, score)
     vertices, faces = surfaces.vertices.T.astype(np.float64), surfaces.faces.T
-    terms = SCORE.terms.astype(np.float64)
+    terms = score.terms.astype(np.float64)
     weighed = 0
     for k in range(60):
         cloud = poses.transform_points(pose[k, 0], vertices)

@@ -41,7 +41,7 @@ def test_each_kind_is_worth_what_the_score_says(rng: np.random.Generator) -> Non
     observed = (rendered + rng.uniform(-2, 2, 20_000) * TOLERANCE).astype(np.float32)
     observed[category == NO_DEPTH] = 0
     kinds = pixel_kinds(observed, category, rendered, TOLERANCE)
-    terms = np.array([TOLERANCE, FREE, OCCLUDED, SUPPORTED, GOING_ON, 1.0, 6.0, 1.0])
+    terms = np.array([TOLERANCE, FREE, OCCLUDED, SUPPORTED, GOING_ON, 1.0, 6.0, 0.0, 1.0, 1.0])
     distance = rendered.astype(np.float64)
     weight = np.where(np.abs(observed - rendered) < TOLERANCE, observed, distance) ** 2
     worth = robust_scores(observed, category, distance, terms)

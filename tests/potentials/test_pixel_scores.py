@@ -13,7 +13,7 @@ from pmpnbp.potentials.unary import PixelScore
 from pmpnbp.scene import observation
 
 TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, FIRM = 0.02, 1.0, 0.03, 0.1, 0.2, 6.0
-TERMS = np.array([TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, 1.0, FIRM, 1.0], dtype=np.float32)
+TERMS = np.array([TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, 1.0, FIRM, 0.0, 1.0, 1.0], dtype=np.float32)
 
 
 def test_the_kernels_categories_are_those_of_the_observation() -> None:
@@ -109,7 +109,7 @@ def test_noise_puts_no_surface_farther_off_or_nearer(rng: np.random.Generator) -
 
 def test_a_pixel_counts_by_what_it_covers_of_a_surface() -> None:
     """Twice as far away it covers four times as much, and of a surface there are a quarter as many."""
-    terms = np.array([TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, 1.5, FIRM, 1.0], dtype=np.float32)
+    terms = np.array([TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, 1.5, FIRM, 0.0, 1.0, 1.0], dtype=np.float32)
     for rendered, weight in ((1.5, 1.0), (3.0, 4.0), (0.75, 0.25)):
         for difference, expected in ((0.0, 1.0), (0.5, -FREE), (-0.5, -OCCLUDED)):
             observed = np.float32(rendered + difference)
@@ -143,6 +143,24 @@ def test_a_firm_pixel_that_is_seen_through_costs_up_to_six_times_as_much(
 
 
 @pytest.mark.parametrize(
+    ("difference", "times"),
+    [(1.2 * TAU, 1.0), (2.0 * TAU, 1.0), (3.0 * TAU, 1.003), (4.0 * TAU, 2.429), (5.0 * TAU, 4.165), (0.5, 6.0)],
+)
+def test_a_firm_pixel_behind_by_no_more_than_a_step_that_is_not_noticed_costs_once(
+    difference: float, times: float
+) -> None:
+    """A step of 4 % of the depth is about two tolerances here; one that is less than the tolerance plays no part."""
+    stepped, small = TERMS.copy(), TERMS.copy()
+    stepped[7], small[7] = 0.04, 0.9 * TAU / (1.0 + difference)
+    for found in of_a_pixel(observation.OBJECT, difference, stepped, firm=True):
+        assert found == pytest.approx(-times * FREE, abs=2e-3)
+    for found in of_a_pixel(observation.OBJECT, difference, stepped, firm=False):
+        assert found == pytest.approx(-FREE, abs=1e-3)
+    plain = of_a_pixel(observation.OBJECT, difference, TERMS, firm=True)
+    assert of_a_pixel(observation.OBJECT, difference, small, firm=True) == plain
+
+
+@pytest.mark.parametrize(
     ("category", "difference", "expected"),
     [
         (observation.OBJECT, TAU / 2, 0.75),
@@ -158,6 +176,18 @@ def test_what_explains_or_hides_counts_the_same_of_a_firm_pixel(
     weight = (1.0 + difference) ** 2 if abs(difference) < TAU else 1.0
     assert slow == pytest.approx(weight * expected, abs=1e-5)
     assert fast == pytest.approx(weight * expected, abs=1e-4)
+
+
+@pytest.mark.parametrize("category", range(5))
+@pytest.mark.parametrize("difference", [0.0, 0.6 * TAU, -0.6 * TAU, 2.5 * TAU, -2.5 * TAU])
+def test_a_pixel_beside_an_edge_counts_its_share(category: int, difference: float) -> None:
+    share = 0.3
+    terms = np.append(TERMS[:-1], np.float32(share))
+    for whole, part in zip(
+        *(of_a_pixel(category, difference, some, firm=False) for some in (TERMS, terms)), strict=True
+    ):
+        assert part == pytest.approx(share * whole, rel=1e-5)
+    assert of_a_pixel(category, difference, TERMS, firm=True) == of_a_pixel(category, difference, terms, firm=True)
 
 
 def of_a_pixel(category: int, difference: float, terms: NDArray[np.float32], firm: bool) -> tuple[float, float]:

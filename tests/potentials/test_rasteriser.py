@@ -25,7 +25,7 @@ from pmpnbp.scene.articulated_object import Mesh
 from pmpnbp.scene.observation import OBJECT
 from tests.potentials import posed_parts
 
-FORMS = [PixelScore("robust", tolerance=0.03, firm_cost=6.0), PixelScore("distance")]
+FORMS = [PixelScore("robust", tolerance=0.03, firm_cost=6.0, firm_step=0.02, edge_weight=0.4), PixelScore("distance")]
 EYE = Camera(80, 60, 75.0, 73.0, 38.2, 31.3)
 
 

@@ -15,7 +15,7 @@ from pmpnbp.potentials.unary import PixelScore, unary_scores
 from pmpnbp.scene.observation import OBJECT
 from tests.potentials import posed_parts
 
-FORMS = [PixelScore("robust", tolerance=0.03, firm_cost=6.0), PixelScore("distance")]
+FORMS = [PixelScore("robust", tolerance=0.03, firm_cost=6.0, firm_step=0.02, edge_weight=0.4), PixelScore("distance")]
 
 
 @pytest.fixture(scope="module")

@@ -71,21 +71,20 @@ def pixel_reward(category: Any, support_reward: Any, continued_reward: Any) -> A
 def score_terms(terms: Any, continued_reward: Any) -> Any:
     """The terms that `robust_pixel` takes, from an array, with another continued reward: of the whole object a surface
     counts by whether it goes on beyond the outline, known there and not pixel by pixel."""
-    return (terms[0], terms[1], terms[2], terms[3], continued_reward, terms[5], terms[6], terms[7])
+    costs = terms[0], terms[1], terms[2], terms[3]
+    return (*costs, continued_reward, terms[5], terms[6], terms[7], terms[8], terms[9])
 
 
 @kernel(error_model="numpy", fastmath={"nsz", "contract"})
 def robust_pixel(word: Any, rendered: Any, terms: Any) -> Any:
     """Score of a covered pixel whose packed observation is `word` and whose rendered depth is `rendered`, float32.
 
-    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance, firm cost, and
-        the square of how many tolerances behind a pixel is seen through from on, float32
+    terms : those of `PixelScore.terms`, float32
     A pixel counts by what it covers of a surface that faces it: 1 at the unit distance. Where it is explained that is
     what was measured: by the rendered depth all the object would be worth more the farther off it is.
     """
-    tolerance, free_space_cost, occlusion_cost, support_reward, continued_reward, unit_distance, firm_cost, from_on = (
-        terms
-    )
+    tolerance, free_space_cost, occlusion_cost, support_reward, continued_reward = terms[:5]
+    unit_distance, firm_cost, firm_step, from_on, edge_weight = terms[5:]
     category = word & CATEGORY_BITS
     observed = depth_of(word)
     difference = observed - rendered
@@ -93,10 +92,12 @@ def robust_pixel(word: Any, rendered: Any, terms: Any) -> Any:
     square = ratio * ratio
     explained = square < _ONE
     reward = pixel_reward(category, support_reward, continued_reward)
-    through = free_space_cost * (min(max(square - _ONE, _ONE), firm_cost) if word < 0 else _ONE)
+    firm = word < 0
+    farther = difference / max(tolerance, firm_step * observed)
+    through = free_space_cost * (min(max(farther * farther - _ONE, _ONE), firm_cost) if firm else _ONE)
     behind = through if square >= from_on else _ZERO
     beyond = behind if difference > _ZERO else (through if category == SUPPORT else occlusion_cost)
-    score = reward * (_ONE - square) if explained else -beyond
+    score = (reward * (_ONE - square) if explained else -beyond) * (_ONE if firm else edge_weight)
     nearness = (observed if explained else rendered) / unit_distance
     return score * nearness * nearness if category != NO_DEPTH else _ZERO
 

@@ -140,7 +140,7 @@ def add_part_scores(
     image : (packed (h + 2, w + 2), see `pack_view`; lens fx fy cx cy; pose_camera_world (7,); patches (h + 2,
         w + 2), see `pack_patches`; one more than the largest number among them)
     mesh : see `rasteriser`; part : (B,); poses : (B, 7), part in world
-    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance, firm cost
+    terms : those of `PixelScore.terms`
     """
     if len(part) < PARALLEL_FROM or get_num_threads() == 1:
         _add_part_range(0, 1, image, mesh, part, poses, terms, robust, out)
@@ -157,7 +157,7 @@ def add_object_scores(
     out: NDArray[np.float64],
 ) -> None:
     """As `add_part_scores` for whole objects at poses (B, N, 7), all parts drawn into one z-buffer, and by each of T
-    `terms` (T, 7): `out` is (B, T). What goes on beyond the outline counts less, see `continuation`."""
+    `terms` (T, 10): `out` is (B, T). What goes on beyond the outline counts less, see `continuation`."""
     if len(poses) * len(mesh[3]) < PARALLEL_FROM or get_num_threads() == 1:
         _add_object_range(0, 1, image, mesh, poses, terms, robust, out)
     else:

@@ -25,27 +25,30 @@ def robust_scores(
 ) -> Floats:
     """Scores of covered pixels, any shape, from observed and rendered depth in metres and the observation's category.
 
-    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance, firm cost, and
-        the square of how many tolerances behind a pixel is seen through from on
+    terms : those of `PixelScore.terms`
     Within the tolerance 1 - (difference / tolerance)², on a support plane times the support reward, on a surface
     longer than the object times the continued reward, outside the region of interest 0, all times the square of
     observed depth over unit distance. Beyond it, times the square of rendered depth over unit distance: observed behind
     the rendered surface 0 up to where a pixel is seen through, from there on minus the free space cost, and of a `firm`
-    pixel that times (difference / tolerance)² - 1, between 1 and the firm cost; observed in front minus the occlusion
-    cost, but a part behind a support plane costs as much as one in free space.
+    pixel that times (difference / reach)² - 1, between 1 and the firm cost, where the reach is the tolerance, or the
+    firm step times the observed depth if that is more; observed in front minus the occlusion cost, but a part behind a
+    support plane costs as much as one in free space. A pixel that is not firm counts all that times the edge weight.
     """
-    tolerance, free_space_cost, occlusion_cost, support_reward, continued_reward, unit_distance, firm_cost = terms[:7]
+    tolerance, free_space_cost, occlusion_cost, support_reward, continued_reward = terms[:5]
+    unit_distance, firm_cost, firm_step, from_on, edge_weight = terms[5:]
     difference = observed - rendered
     square = (difference / tolerance) ** 2
-    through = free_space_cost * np.where(firm, np.clip(square - 1.0, 1.0, firm_cost), 1.0)
+    farther = (difference / np.maximum(tolerance, firm_step * observed)) ** 2
+    through = free_space_cost * np.where(firm, np.clip(farther - 1.0, 1.0, firm_cost), 1.0)
     rewards = {OBJECT: 1.0, SUPPORT: support_reward, CONTINUED: continued_reward}
     reward = np.select([category == what for what in rewards], list(rewards.values()), 0.0)
-    behind = np.where(square < terms[7], 0.0, -through)
+    behind = np.where(square < from_on, 0.0, -through)
     in_front = np.where(category == SUPPORT, -through, -occlusion_cost)
     explained = np.abs(difference) < tolerance
     score = np.where(explained, reward * (1.0 - square), np.where(difference > 0, behind, in_front))
     depth = np.where(explained, observed, rendered)
-    return np.where(category == NO_DEPTH, 0.0, score) * (depth / unit_distance) ** 2
+    weight = np.where(firm, 1.0, edge_weight) * (depth / unit_distance) ** 2
+    return np.where(category == NO_DEPTH, 0.0, score) * weight
 
 
 def distance_scores(observed: Floats, category: NDArray[np.uint8], rendered: Floats, ray_length: Floats) -> Floats:

@@ -149,7 +149,7 @@ def add_scores(
     image : (packed (h + 2, w + 2), see `pack_view`; lens fx fy cx cy; pose_camera_world (7,); patches (h, w))
     splats : (points (N, D, 3, P), metres in the part's frame; areas (N, D), m²; centres (N, 3))
     part : (B,); poses : (B, 7), part in world; used : how many of the P points are used, the first ones
-    terms : tolerance, free space cost, occlusion cost, support reward, continued reward, unit distance, firm cost
+    terms : those of `PixelScore.terms`
     """
     if len(part) < PARALLEL_FROM or get_num_threads() == 1:
         _add_range(0, len(part), image, splats, part, poses, terms, robust, used, out)

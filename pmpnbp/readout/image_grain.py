@@ -30,7 +30,7 @@ from pmpnbp.scene.observation import OUTSIDE, SUPPORT
 # NOISY of the depths' own deviations, as neighbours err together, by steps of depth, the mesh and what a pixel holds of
 # another surface. All of an object's outlines are too far in or out by INWARD pixels, which a free depth scale is taken
 # in by. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
-EDGE, FACE, NOISY, INWARD = 0.9, 0.55, 0.97, 0.065
+EDGE, FACE, NOISY, INWARD = 0.85, 0.52, 0.92, 0.065
 # A part as a whole is off by so many metres and by so much of its radius, however many pixels tell of it, and where
 # sizes are free by so much more of what they may be: sizes along three axes are not all that may be wrong of a model.
 LEAST, WHOLE, SHAPE = 0.0001, 0.0003, 0.04

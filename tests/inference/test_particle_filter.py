@@ -200,7 +200,7 @@ QUICK = {"search_iterations": 2, "search_proposals": 200, "anneal_iterations": 3
 def test_every_iteration_is_of_whole_objects_within_limits(
     prior: UniformPrior | GaussianPrior, search: int, estimated: bool
 ) -> None:
-    changes = QUICK | {"search_iterations": search, "object_estimate": estimated, "diffusion_position_end": 0.05}
+    changes = QUICK | {"search_iterations": search, "object_estimate": estimated, "diffusion_position_end": 0.1}
     made = filtering(worlds.cupboard(), ROOT, JOINTS, prior, particles=40, width=80, **changes)
     reports = list(run.iterate(made, made.search_iterations + 5))
     searched = made.search_iterations

@@ -13,7 +13,7 @@ from pmpnbp.potentials.unary import PixelScore
 from pmpnbp.scene import observation
 
 TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, FIRM = 0.02, 1.0, 0.03, 0.1, 0.2, 6.0
-TERMS = np.array([TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, 1.0, FIRM, 0.0, 1.0, 1.0], dtype=np.float32)
+SCORE = PixelScore("robust", TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, firm_cost=FIRM, firm_step=0.0)
 
 
 def test_the_kernels_categories_are_those_of_the_observation() -> None:
@@ -45,7 +45,7 @@ def test_the_kernels_categories_are_those_of_the_observation() -> None:
     ],
 )
 def test_robust_score_of_a_pixel(category: int, difference: float, expected: float) -> None:
-    fast, slow = of_a_pixel(category, difference, TERMS, firm=False)
+    fast, slow = of_a_pixel(category, difference, SCORE.terms, firm=False)
     # where it is explained it covers what was measured, a little nearer or farther off
     weight = (1.0 + difference) ** 2 if abs(difference) < TAU else 1.0
     assert slow == pytest.approx(weight * expected, abs=1e-5)
@@ -85,7 +85,7 @@ def test_what_noise_may_do_is_within_a_loose_tolerance() -> None:
 
 
 def pixel_score_of_noise(deviation: float) -> PixelScore:
-    return PixelScore("robust", TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, firm_cost=FIRM, through_from=4 * deviation)
+    return replace(SCORE, through_from=4 * deviation)
 
 
 def test_noise_puts_no_surface_farther_off_or_nearer(rng: np.random.Generator) -> None:
@@ -109,7 +109,7 @@ def test_noise_puts_no_surface_farther_off_or_nearer(rng: np.random.Generator) -
 
 def test_a_pixel_counts_by_what_it_covers_of_a_surface() -> None:
     """Twice as far away it covers four times as much, and of a surface there are a quarter as many."""
-    terms = np.array([TAU, FREE, OCCLUDED, SUPPORTED, GOING_ON, 1.5, FIRM, 0.0, 1.0, 1.0], dtype=np.float32)
+    terms = replace(SCORE, unit_distance=1.5).terms
     for rendered, weight in ((1.5, 1.0), (3.0, 4.0), (0.75, 0.25)):
         for difference, expected in ((0.0, 1.0), (0.5, -FREE), (-0.5, -OCCLUDED)):
             observed = np.float32(rendered + difference)
@@ -137,7 +137,7 @@ def test_a_pixel_counts_by_what_it_covers_of_a_surface() -> None:
 def test_a_firm_pixel_that_is_seen_through_costs_up_to_six_times_as_much(
     category: int, difference: float, times: float
 ) -> None:
-    fast, slow = of_a_pixel(category, difference, TERMS, firm=True)
+    fast, slow = of_a_pixel(category, difference, SCORE.terms, firm=True)
     assert slow == pytest.approx(-times * FREE, abs=1e-4)
     assert fast == pytest.approx(-times * FREE, abs=1e-3)
 
@@ -150,13 +150,12 @@ def test_a_firm_pixel_behind_by_no_more_than_a_step_that_is_not_noticed_costs_on
     difference: float, times: float
 ) -> None:
     """A step of 4 % of the depth is about two tolerances here; one that is less than the tolerance plays no part."""
-    stepped, small = TERMS.copy(), TERMS.copy()
-    stepped[7], small[7] = 0.04, 0.9 * TAU / (1.0 + difference)
+    stepped, small = (replace(SCORE, firm_step=step).terms for step in (0.04, 0.9 * TAU / (1.0 + difference)))
     for found in of_a_pixel(observation.OBJECT, difference, stepped, firm=True):
         assert found == pytest.approx(-times * FREE, abs=2e-3)
     for found in of_a_pixel(observation.OBJECT, difference, stepped, firm=False):
         assert found == pytest.approx(-FREE, abs=1e-3)
-    plain = of_a_pixel(observation.OBJECT, difference, TERMS, firm=True)
+    plain = of_a_pixel(observation.OBJECT, difference, SCORE.terms, firm=True)
     assert of_a_pixel(observation.OBJECT, difference, small, firm=True) == plain
 
 
@@ -172,7 +171,7 @@ def test_a_firm_pixel_behind_by_no_more_than_a_step_that_is_not_noticed_costs_on
 def test_what_explains_or_hides_counts_the_same_of_a_firm_pixel(
     category: int, difference: float, expected: float
 ) -> None:
-    fast, slow = of_a_pixel(category, difference, TERMS, firm=True)
+    fast, slow = of_a_pixel(category, difference, SCORE.terms, firm=True)
     weight = (1.0 + difference) ** 2 if abs(difference) < TAU else 1.0
     assert slow == pytest.approx(weight * expected, abs=1e-5)
     assert fast == pytest.approx(weight * expected, abs=1e-4)
@@ -182,12 +181,11 @@ def test_what_explains_or_hides_counts_the_same_of_a_firm_pixel(
 @pytest.mark.parametrize("difference", [0.0, 0.6 * TAU, -0.6 * TAU, 2.5 * TAU, -2.5 * TAU])
 def test_a_pixel_beside_an_edge_counts_its_share(category: int, difference: float) -> None:
     share = 0.3
-    terms = np.append(TERMS[:-1], np.float32(share))
-    for whole, part in zip(
-        *(of_a_pixel(category, difference, some, firm=False) for some in (TERMS, terms)), strict=True
-    ):
+    full, shared = SCORE.terms, replace(SCORE, edge_weight=share).terms
+    pairs = zip(*(of_a_pixel(category, difference, terms, firm=False) for terms in (full, shared)), strict=True)
+    for whole, part in pairs:
         assert part == pytest.approx(share * whole, rel=1e-5)
-    assert of_a_pixel(category, difference, TERMS, firm=True) == of_a_pixel(category, difference, terms, firm=True)
+    assert of_a_pixel(category, difference, full, firm=True) == of_a_pixel(category, difference, shared, firm=True)
 
 
 def of_a_pixel(category: int, difference: float, terms: NDArray[np.float32], firm: bool) -> tuple[float, float]:

@@ -197,10 +197,12 @@ def test_rivals_are_polished_as_long_as_they_may_be_modes(problem: Problem, monk
     of_estimate(problem, report(problem, near))
     assert not polished
     of_estimate(problem, report(problem, near, TURNED))
-    assert polished == [(1, 1), (1, POLISH_ROUNDS - 1)]
-    monkeypatch.setattr(places, "HOPELESS", -1e6)  # it would have to be better than the estimate
-    assert len(of_estimate(problem, report(problem, near, TURNED)).modes) == 1
-    assert polished[2:] == [(1, 1)]
+    assert polished == [(1, 1)] * POLISH_ROUNDS
+    for name, rounds in (("SLOW", 1), ("FAR", 0)):
+        polished.clear()
+        monkeypatch.setattr(places, name, -1e6)  # it would have to be better than the estimate
+        assert len(of_estimate(problem, report(problem, near, TURNED)).modes) == 1
+        assert polished == [(1, 1)] * rounds
 
 
 def test_a_spread_is_that_of_the_draws_about_the_estimate(problem: Problem) -> None:

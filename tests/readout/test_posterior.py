@@ -197,11 +197,13 @@ def test_rivals_are_polished_as_long_as_they_may_be_modes(problem: Problem, monk
     of_estimate(problem, report(problem, near))
     assert not polished
     of_estimate(problem, report(problem, near, TURNED))
-    assert polished == [(1, 1)] * POLISH_ROUNDS
-    for name, rounds in (("SLOW", 1), ("FAR", 0)):
+    assert polished == [(1, 1)]  # it rests
+    # one that does not, one that comes no nearer, one that is too far, and one that would have to be better
+    asked = (("LITTLE", -np.inf, POLISH_ROUNDS, 2), ("SLOW", -1e6, 1, 2), ("FAR", -1e6, 0, 2), ("NATS", -1e6, 0, 1))
+    for name, value, rounds, modes in asked:
         polished.clear()
-        monkeypatch.setattr(places, name, -1e6)  # it would have to be better than the estimate
-        assert len(of_estimate(problem, report(problem, near, TURNED)).modes) == 1
+        monkeypatch.setattr(places, name, value)
+        assert len(of_estimate(problem, report(problem, near, TURNED)).modes) == modes
         assert polished == [(1, 1)] * rounds
 
 

@@ -31,7 +31,7 @@ from pmpnbp.scene.prior import UniformPrior
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate at most,
 # else as many as the covariance that is fitted to them has elements; rounds at most; and how many draws have to count,
 # times the power that their weights have, before no more are made.
-FIRST, LEAST, EACH, ROUNDS, ENOUGH = 96, 64, 16, 48, 30.0
+FIRST, LEAST, EACH, ROUNDS, ENOUGH = 96, 64, 16, 48, 20.0
 # The power that weights have at the least, for each coordinate, and at the most; and draws at the least, as multiples
 # of the elements of their covariance. The more coordinates there are the longer proposals take to settle, and where
 # weights have little power the draws are rather as these.

@@ -98,7 +98,7 @@ def walk(
         part_poses[holding] = mrf.part_poses(proposals.roots[holding], joints[holding])
         at = part_poses[holding, part]
         unary[holding, part] = problem.unary(part.astype(np.int32), at, plan.tolerance, "splats", SEARCH_POINTS)
-    on_the_way = _on_the_way(mrf)
+    leads = on_the_way(mrf)
     going = np.arange(count)
     for place, number in enumerate(mrf.tree):
         if left is not None and left < count:
@@ -117,7 +117,7 @@ def walk(
         for rows, axes in trials:
             tried, score = judged(problem, number, part_poses[rows, edge.parent], axes, plan.tolerance)
             pick = _picked(rng, score, rows % 2 == 1)
-            pick[stays[rows] | on_the_way[proposals.held[rows], number]] = 0
+            pick[stays[rows] | leads[proposals.held[rows], number]] = 0
             each = np.arange(len(rows))
             part_poses[rows, edge.child], unary[rows, edge.child] = tried[each, pick], score[each, pick]
             coordinates, positions = edge.joint_positions(axes[each, pick])
@@ -138,7 +138,7 @@ def part_unary(problem: Problem, part_poses: Array, tolerance: float) -> Array:
     return score.reshape(len(part_poses), -1)
 
 
-def _on_the_way(mrf: Mrf) -> NDArray[np.bool_]:
+def on_the_way(mrf: Mrf) -> NDArray[np.bool_]:
     """(N, E): which edges lead from the root to each part."""
     leads = np.zeros((mrf.nodes, len(mrf.model.edges)), dtype=bool)
     for number in mrf.tree:

@@ -92,6 +92,11 @@ def within_limits(positions: Array, lower: Array, upper: Array, wraps: NDArray[n
     return np.where(wraps, around, clipped)
 
 
+def short_way_round(difference: Array, wraps: NDArray[np.bool_]) -> Array:
+    """Differences (..., K) of positions, the short way round where an axis turns freely."""
+    return np.where(wraps, difference - 2 * np.pi * np.round(difference / (2 * np.pi)), difference)
+
+
 def joint_spreads(problem: Problem, plan: Schedule) -> Array:
     """(D,) standard deviations, metres or radians, that move what the joint coordinates move by about the diffusion: a
     part that slides as a whole, one that turns at its rim. Of several axes that follow one coordinate the one that goes

@@ -5,7 +5,8 @@ and the search, which puts whole objects together from the root, seldom draws ag
 in turn is put to positions all over its range, once with everything behind it carried along and once with it left as
 near to its place as the joints allow; three joints in a row are moved where these leave all behind them in place; and,
 without a narrow prior, each is moved with everything behind it put anew, as a walk does: what hides behind something
-may hide there because of a joint before it that is wrong.
+may hide there because of a joint before it that is wrong. Where hardly any of the root is seen, the joints before the
+part that is seen best are put anew, and that part stays: a foot behind a screen may be anywhere that its arm reaches.
 
 The best positions of each joint are polished before they are compared, as a joint in its right place is worth little
 until its neighbours have followed.
@@ -13,12 +14,16 @@ until its neighbours have followed.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import OWN
-from pmpnbp.inference.hypotheses import Proposals, walk
+from pmpnbp.inference.held_part import held
+from pmpnbp.inference.hypotheses import Proposals, on_the_way, walk
+from pmpnbp.inference.initialisation import random_joints
 from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import assemble, configuration_scores, polish, profile_scores
@@ -34,8 +39,9 @@ PLACES, DIP = 2, 0.05
 # Joints whose best other position is polished, those of them that are polished on, and for how many rounds each.
 CANDIDATES, FINALISTS = 12, 2
 ROUNDS, LAST_ROUNDS = 2, 6
-# Candidates beside them whose parts behind the moved joint are put anew.
-ANEW = 6
+# Candidates beside them whose parts behind the moved joint are put anew, and as many whose parts before the best seen
+# one are: the best of so many, with the first joints from the root on, about so many coordinates, anywhere.
+ANEW, BEFORE, FIRST = 6, 256, 3
 # A position is polished, and then polished on, where its score is worse than the present one by at most these shares.
 LOSS_BEFORE, LOSS_AFTER = 0.2, 0.05
 
@@ -48,15 +54,17 @@ def sweep(
     for _ in range(most):
         here = float(configuration_scores(problem, root[None], joints[None], plan.tolerance)[0])
         others, reached = (found[0] for found in elsewhere(rng, problem, root[None], joints[None], plan))
+        roots = np.tile(root, (len(others), 1))
         if not problem.narrow:
-            anew, its = with_those_behind_anew(rng, problem, root, joints, plan)
-            others, reached = np.concatenate([others, anew]), np.concatenate([reached, its])
+            behind, its = with_those_behind_anew(rng, problem, root, joints, plan)
+            places, before, theirs = with_those_before_anew(rng, problem, root, joints, plan)
+            roots = np.concatenate([roots, np.tile(root, (len(behind), 1)), places])
+            others, reached = np.concatenate([others, behind, before]), np.concatenate([reached, its, theirs])
         worth = np.argsort(-reached, kind="stable")[:CANDIDATES]
         worth = worth[reached[worth] > here - LOSS_BEFORE * abs(here)]
         if not len(worth):
             break
-        roots = np.tile(root, (len(worth), 1))
-        roots, moved, score = polish(rng, problem, roots, others[worth], plan, plan.tolerance, ROUNDS)
+        roots, moved, score = polish(rng, problem, roots[worth], others[worth], plan, plan.tolerance, ROUNDS)
         kept = np.argsort(-score, kind="stable")[:FINALISTS]
         kept = kept[score[kept] > here - LOSS_AFTER * abs(here)]
         if not len(kept):
@@ -153,6 +161,28 @@ def with_those_behind_anew(
     score = configuration_scores(problem, proposals.roots, moved, plan.tolerance)
     best = np.argsort(-score, kind="stable")[:ANEW]
     return moved[best], score[best]
+
+
+def with_those_before_anew(
+    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, plan: Schedule
+) -> tuple[Array, Array, Array]:
+    """The ANEW best root poses (C, 7) and joint vectors (C, D) of a configuration (7,), (D,) with the first joints on
+    the way from the root to the part that it is held by anywhere in their ranges, while all from there on stays, and
+    their scores (C,). None where the root holds it, or a single joint is before that part."""
+    mrf, place = problem.mrf, held(problem, root, joints)
+    leads, part, before = on_the_way(mrf)[place.part], 0, np.empty(0, dtype=np.int64)
+    for number in (number for number in mrf.tree if leads[number]):
+        if len(before) >= FIRST:
+            break
+        part, before = mrf.model.edges[number].child, np.union1d(before, mrf.model.edges[number].coordinates)
+    if len(before) < 2:
+        return np.empty((0, 7)), np.empty((0, len(joints))), np.empty(0)
+    offsets = np.zeros((BEFORE, 6 + len(joints)))
+    offsets[:, 6 + before] = (random_joints(rng, problem, BEFORE) - joints)[:, before]
+    roots, moved = replace(place, part=part).placed(offsets)
+    score = configuration_scores(problem, roots, moved, plan.tolerance)
+    best = np.argsort(-score, kind="stable")[:ANEW]
+    return roots[best], moved[best], score[best]
 
 
 def _moved_behind(mrf: Mrf) -> NDArray[np.bool_]:

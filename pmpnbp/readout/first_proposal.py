@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.held_part import Held
+from pmpnbp.inference.joint_draws import short_way_round
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature
-from pmpnbp.readout.held_part import Held
 from pmpnbp.readout.importance_sampling import Grid, LogDensity
 from pmpnbp.readout.log_posterior import confidence, log_posterior
-from pmpnbp.readout.particle_statistics import short_way_round
 from pmpnbp.scene.prior import GaussianPrior
 
 # Cells over a joint's range, and the least share of a uniform density in draws from them.

@@ -16,11 +16,11 @@ from scipy import ndimage
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.held_part import LITTLE, Held, shown
 from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import renders
-from pmpnbp.readout.held_part import LITTLE, Held, shown
 from pmpnbp.scene.depth_noise import told_noise
 from pmpnbp.scene.flying_pixels import NEIGHBOURS
 from pmpnbp.scene.observation import OUTSIDE, SUPPORT

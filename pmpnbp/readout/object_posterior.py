@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.held_part import Held, held
 from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.nuisances import split
@@ -22,7 +23,6 @@ from pmpnbp.readout.chain_bends import bends, bent_otherwise
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.first_proposal import LOOSE, Elsewhere, curvature_information, joints_elsewhere, measured_covariance
 from pmpnbp.readout.free_turn import free_turn, turned_anyhow
-from pmpnbp.readout.held_part import Held, held
 from pmpnbp.readout.image_grain import grain
 from pmpnbp.readout.importance_sampling import LogDensity, Proposal, adaptive_importance
 from pmpnbp.readout.log_posterior import log_posterior

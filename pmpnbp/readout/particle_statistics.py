@@ -15,6 +15,7 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import log_weights as lw
 from pmpnbp.inference.belief import Belief
+from pmpnbp.inference.joint_draws import short_way_round
 from pmpnbp.potentials.joint_projection import project
 from pmpnbp.scene.articulated_object import ArticulatedObject, Edge
 
@@ -115,8 +116,3 @@ def joint_draws(rng: np.random.Generator, edge: Edge, belief: Belief) -> Array:
 
 def _edge_spread(rng: np.random.Generator, edge: Edge, belief: Belief, estimate: Array) -> Array:
     return np.sqrt(np.mean(short_way_round(joint_draws(rng, edge, belief) - estimate, edge.wraps) ** 2, axis=0))
-
-
-def short_way_round(difference: Array, wraps: NDArray[np.bool_]) -> Array:
-    """Differences (..., K) of positions, the short way round where an axis turns freely."""
-    return np.where(wraps, difference - 2 * np.pi * np.round(difference / (2 * np.pi)), difference)

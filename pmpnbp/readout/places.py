@@ -15,7 +15,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.confirmation import Confirmation, confirmation
 from pmpnbp.inference.crank_moves import crank_moves
-from pmpnbp.inference.joint_draws import within_limits
+from pmpnbp.inference.joint_draws import short_way_round, within_limits
 from pmpnbp.inference.mrf import part_motions
 from pmpnbp.inference.problem import LONG_CHAIN, Problem
 from pmpnbp.inference.tree_estimate import polish
@@ -23,7 +23,6 @@ from pmpnbp.inference.triple_moves import triple_moves
 from pmpnbp.readout.fit import assess
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.object_posterior import ModeDraws, misfit
-from pmpnbp.readout.particle_statistics import short_way_round
 
 # A rival is polished where its score is worse than the estimate's by a smaller share, and drawn from where it is then
 # worse by fewer nats, counted as they weigh: a broad mode may make up for some.

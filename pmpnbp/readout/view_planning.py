@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.held_part import Held
 from pmpnbp.inference.log_weights import normalise
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import moved
 from pmpnbp.readout.expected_scan import PROBE, Probed, blocking_points, expected_scan, told_about, told_apart
-from pmpnbp.readout.held_part import Held
 from pmpnbp.readout.mixture import coordinate_levers
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.scene.articulated_object import parts_of_links

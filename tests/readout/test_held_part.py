@@ -10,8 +10,8 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import mrf as fields
 from pmpnbp.inference import problem as problems
+from pmpnbp.inference.held_part import Held, held
 from pmpnbp.inference.problem import Problem
-from pmpnbp.readout.held_part import Held, held
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.object_posterior import ModeDraws, mode_draws
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint

@@ -13,10 +13,10 @@ from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import mrf as fields
 from pmpnbp.inference import problem as problems
+from pmpnbp.inference.held_part import Held
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.unary import render
 from pmpnbp.readout import image_grain
-from pmpnbp.readout.held_part import Held
 from pmpnbp.readout.image_grain import (
     AS_ONE,
     DISTORTED,

@@ -12,11 +12,11 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problems
+from pmpnbp.inference.held_part import Held
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores
 from pmpnbp.readout import first_proposal, log_posterior
 from pmpnbp.readout.first_proposal import CELLS, STRIDE
-from pmpnbp.readout.held_part import Held
 from pmpnbp.readout.image_grain import grain
 from pmpnbp.readout.object_posterior import ModeDraws, mode_draws
 from pmpnbp.scene.articulated_object import ArticulatedObject

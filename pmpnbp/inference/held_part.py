@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.joint_draws import short_way_round
 from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.unary import renders
-from pmpnbp.readout.particle_statistics import short_way_round
 from pmpnbp.scene.observation import View
 
 # The root holds the object where it confirms this share of the pixels that the best seen part does.

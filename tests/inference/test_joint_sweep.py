@@ -7,11 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pmpnbp.geometry import poses
 from pmpnbp.inference import joint_sweep
 from pmpnbp.inference import problem as problems
-from pmpnbp.inference.joint_sweep import ANEW, PLACES, elsewhere, sweep, with_those_behind_anew
+from pmpnbp.inference.joint_sweep import (
+    ANEW,
+    FIRST,
+    PLACES,
+    elsewhere,
+    sweep,
+    with_those_before_anew,
+    with_those_behind_anew,
+)
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores, polish, profile_scores
+from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.settings import Schedule, schedule
 from tests.inference import small_worlds as worlds
@@ -85,6 +95,68 @@ def test_what_hangs_elsewhere_stays(rng: np.random.Generator) -> None:
     moved = found != truth
     assert np.all(moved[:, :2].any(axis=1) ^ moved[:, 2:].any(axis=1))
     assert np.all(moved[:, [0, 2]].any(axis=1))
+
+
+def before_its_pole(links: int) -> ArticulatedObject:
+    """A screen, the last of some links in a row that swing about z, which hides all before it but a pole's tip."""
+    up, turns = np.array([0.0, 0.0, 1.0]), 0.9
+    joints = [
+        Joint(f"swing{k}", "revolute", f"link{k}", f"link{k + 1}", worlds.at(0.15 * (k > 0)), up, -turns, turns, (k,))
+        for k in range(links - 1)
+    ]
+    arms = {f"link{k}": worlds.block([0.15, 0.03, 0.03], worlds.at(0.075)) for k in range(1, links - 1)}
+    pole, screen = worlds.block([0.06, 0.06, 0.9]), worlds.block([0.02, 0.6, 0.74], worlds.at(0.02))
+    return worlds.articulated(joints, {"link0": pole, **arms, f"link{links - 1}": screen})
+
+
+def from_the_front(links: int, joints: np.ndarray) -> tuple[Problem, np.ndarray]:
+    """The screen as it is seen, and where its root is."""
+    model, root = before_its_pole(links), worlds.at(1.6, 0.1, 0.1, yaw=np.pi)
+    camera = worlds.camera_at((0.0, 0.0, 0.1), root[:3])
+    seen = worlds.seen(model, root, joints, camera)
+    return problems.build(model, seen, UniformPrior("upright"), worlds.settings(), particles=40), root
+
+
+def test_joints_before_the_best_seen_part_are_put_anew(rng: np.random.Generator) -> None:
+    """Of five the first FIRST, while all from there on stays; where one is wrong its right place is among them."""
+    truth = np.array([0.3, -0.5, 0.4, 0.1, -0.3])
+    problem, root = from_the_front(6, truth)
+    roots, found, score = with_those_before_anew(rng, problem, root, truth, search_end(problem))
+    assert len(found) == ANEW and np.all(np.diff(score) <= 0)
+    np.testing.assert_allclose(score, configuration_scores(problem, roots, found, search_end(problem).tolerance))
+    model = problem.mrf.model
+    assert np.all((found >= model.lower) & (found <= model.upper))
+    assert np.all(found[:, :FIRST] != truth[:FIRST])
+    np.testing.assert_array_equal(found[:, FIRST:], np.tile(truth[FIRST:], (ANEW, 1)))
+    stays = model.part_poses(roots, found)[:, FIRST:]
+    np.testing.assert_allclose(stays, np.tile(model.part_poses(root, truth)[FIRST:], (ANEW, 1, 1)), atol=1e-9)
+
+
+def test_none_is_put_anew_before_a_root_that_is_seen(chain: tuple[Problem, np.ndarray, np.ndarray]) -> None:
+    problem, root, truth = chain
+    roots, found, score = with_those_before_anew(np.random.default_rng(0), problem, root, truth, search_end(problem))
+    assert roots.shape == (0, 7) and found.shape == (0, 3) and score.shape == (0,)
+    lone, root = from_the_front(2, np.array([0.3]))
+    assert not len(with_those_before_anew(np.random.default_rng(0), lone, root, np.array([0.3]), search_end(lone))[0])
+
+
+def test_a_pole_behind_a_screen_is_found_by_its_tip(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no joint that moves alone leads to it."""
+    truth = np.array([0.2, -0.7])
+    problem, root = from_the_front(3, truth)
+    wrong, plan = np.array([-0.4, 0.6]), search_end(problem)
+    screen = problem.mrf.part_poses(root, truth)[2]
+    there = poses.multiply(screen, poses.inverse(problem.mrf.part_poses(poses.IDENTITY, wrong)[2]))
+    assert np.linalg.norm(there[:3] - root[:3]) > 0.15
+
+    def off() -> float:
+        """Metres that the pole is off then, the most of six runs."""
+        found = [sweep(np.random.default_rng(seed), problem, there, wrong, plan, 3)[0] for seed in range(6)]
+        return float(np.linalg.norm(np.array(found)[:, :3] - root[:3], axis=1).max())
+
+    assert off() < 0.02
+    monkeypatch.setattr(joint_sweep, "FIRST", 0)
+    assert off() > 0.05
 
 
 def test_a_step_that_finds_no_better_place_is_the_last(

@@ -122,11 +122,8 @@ def _polished(
     score: Array,
 ) -> list[tuple[Array, Array]]:
     """Rivals (R, 7), (R, D) of log posteriors (R,) at their best, best first: those that come near the estimate's."""
-    plan, tolerance, near = (
-        problem.schedule(report.iteration),
-        problem.tolerance_end,
-        own.nats - NATS * misfit(own.nats),
-    )
+    plan, tolerance = problem.schedule(report.iteration), problem.tolerance_end
+    near = own.nats - NATS * misfit(own.nats)
     roots, joints, score = roots.copy(), joints.copy(), score.copy()
     rows = np.flatnonzero(score > near - FAR)
     for _ in range(POLISH_ROUNDS):

@@ -118,7 +118,7 @@ def from_the_front(links: int, joints: np.ndarray) -> tuple[Problem, np.ndarray]
 
 
 def test_joints_before_the_best_seen_part_are_put_anew(rng: np.random.Generator) -> None:
-    """Of five the first FIRST, while all from there on stays; where one is wrong its right place is among them."""
+    """Of five the first FIRST, while all from there on stays."""
     truth = np.array([0.3, -0.5, 0.4, 0.1, -0.3])
     problem, root = from_the_front(6, truth)
     roots, found, score = with_those_before_anew(rng, problem, root, truth, search_end(problem))

@@ -197,7 +197,7 @@ class Settings:
         "for there, too; 0 never",
         low=0,
     )
-    search_restarts: int = _setting(1, "searches", "made again at most, in its last iteration", low=0, high=100)
+    search_restarts: int = _setting(2, "searches", "made again at most, in its last iteration", low=0, high=100)
     search_islands: int = _setting(
         40, "hypotheses", "distinct ones that survive each iteration of the search", low=1, high=2000
     )

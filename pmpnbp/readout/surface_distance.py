@@ -22,12 +22,13 @@ from pmpnbp.scene.surface_points import area, even_points
 
 # Points of a part's surface that are averaged over.
 POINTS = 100
-# Points that tell whether a part is round, and those of them that are turned; by an angle, radians, that no regular
-# shape repeats itself in.
-TOLD_BY, TURNED, ANGLE = 2000, 200, 0.7
-# A round part is as wide one way as the other, by this share, and its points turned are as near to others of it, in
-# shares of their spacing: half of it, were they strewn at random.
-WIDTHS, NEAREST = 0.03, 0.7
+# Points that tell whether a part is round, turned by an angle, radians, that no shape of up to twelve like sides or arms
+# repeats itself in.
+TOLD_BY, ANGLE = 8000, 0.3
+# A round part is as wide one way as the other, by this share, and once its points are turned each is as near to others
+# of it, in multiples of their spacing: in the mean (half of it, were they strewn at random), and the farthest. Of 52
+# cylinders, cones, rings, spheres and turned shapes of 12 to 64 sides that is 1.9 at most; a knob's pointer is farther.
+WIDTHS, NEAR, FARTHEST = 0.03, 0.7, 2.3
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,8 @@ def _round_axis(part: Part) -> Array | None:
             continue
         spacing = np.sqrt(area(part.mesh) / TOLD_BY)
         points = even_points(part.mesh, TOLD_BY) - part.centre
-        turned = poses.rotate(poses.from_rotation_vector(ANGLE * axis), points[:: TOLD_BY // TURNED])
-        if cKDTree(points).query(turned)[0].mean() < NEAREST * spacing:
+        turned = poses.rotate(poses.from_rotation_vector(ANGLE * axis), points)
+        apart = cKDTree(points).query(turned)[0] / spacing
+        if apart.mean() < NEAR and apart.max() < FARTHEST:
             return axis
     return None

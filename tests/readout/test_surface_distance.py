@@ -24,7 +24,10 @@ def of_shapes(*shapes: LinkSurface) -> ArticulatedObject:
 
 
 def round_bar(radius: float, length: float) -> LinkSurface:
-    made = trimesh.creation.cylinder(radius, length, sections=48)
+    return of_mesh(trimesh.creation.cylinder(radius, length, sections=48))
+
+
+def of_mesh(made: trimesh.Trimesh) -> LinkSurface:
     mesh = Mesh(np.asarray(made.vertices, dtype=np.float64), np.asarray(made.faces, dtype=np.int32))
     return LinkSurface(exact=(mesh,))
 
@@ -70,6 +73,58 @@ def test_a_square_box_is_not_round(size: list[float]) -> None:
     surfaces = part_surfaces(of_shapes(block(size)))
     found = distances(surfaces, poses.IDENTITY[None], at(yaw=np.pi / 2)[None, None])
     assert found.item() > 0.1
+
+
+def star(arms: int) -> trimesh.Trimesh:
+    """As many bars that lie on a hub, one end over its middle."""
+    bars = [trimesh.creation.cylinder(0.05, 0.03, sections=48)]
+    for number in range(arms):
+        bar = trimesh.creation.box((0.2, 0.03, 0.03))
+        bar.apply_translation((0.1, 0.0, 0.0))
+        bar.apply_transform(trimesh.transformations.rotation_matrix(2 * np.pi * number / arms, (0, 0, 1)))
+        bars.append(bar)
+    return trimesh.util.concatenate(bars)
+
+
+def knob() -> trimesh.Trimesh:
+    """A dial with a pointer across its face that stands out by 4 mm."""
+    pointer = trimesh.creation.box((0.018, 0.004, 0.004))
+    pointer.apply_translation((0.009, 0.0, 0.012))
+    return trimesh.util.concatenate([trimesh.creation.cylinder(0.02, 0.02, sections=48), pointer])
+
+
+def dish() -> trimesh.Trimesh:
+    """A turntable with something small near its edge: four hundredths of its surface."""
+    small = trimesh.creation.box((0.02, 0.05, 0.02))
+    small.apply_translation((0.1, 0.0, 0.015))
+    return trimesh.util.concatenate([trimesh.creation.cylinder(0.13, 0.01, sections=48), small])
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        *(star(arms) for arms in range(3, 11)),
+        *(trimesh.creation.cylinder(0.1, 0.1, sections=n) for n in (5, 6)),
+        knob(),
+        dish(),
+    ],
+)
+def test_what_has_arms_or_sides_or_a_pointer_is_not_round(made: trimesh.Trimesh) -> None:
+    (surface,) = part_surfaces(of_shapes(of_mesh(made)))
+    assert not surface.axis.any() and surface.radius == 0.0
+
+
+@pytest.mark.parametrize("sections", [12, 16, 24, 48])
+def test_what_is_turned_on_a_lathe_is_round(sections: int) -> None:
+    outline = [[0, 0], [0.08, 0], [0.1, 0.1], [0.05, 0.15], [0.03, 0.15], [0.03, 0.3], [0, 0.3]]
+    shapes = [
+        trimesh.creation.cylinder(0.1, 0.02, sections=sections),
+        trimesh.creation.cylinder(0.02, 0.6, sections=sections),
+        trimesh.creation.cone(0.1, 0.2, sections=sections),
+        trimesh.creation.revolve(np.array(outline), sections=sections),
+    ]
+    for surface in part_surfaces(of_shapes(*map(of_mesh, shapes))):
+        np.testing.assert_array_equal(surface.axis, [0, 0, 1])
 
 
 def test_a_turn_is_the_rotation_s_angle_and_of_what_is_round_its_axis_s(rng: np.random.Generator) -> None:

@@ -22,8 +22,8 @@ from pmpnbp.scene.surface_points import area, even_points
 
 # Points of a part's surface that are averaged over.
 POINTS = 100
-# Points that tell whether a part is round, turned by an angle, radians, that no shape of up to twelve like sides or arms
-# repeats itself in.
+# Points that tell whether a part is round, turned by an angle, radians, in which no shape of up to twelve like sides or
+# arms repeats itself.
 TOLD_BY, ANGLE = 8000, 0.3
 # A round part is as wide one way as the other, by this share, and once its points are turned each is as near to others
 # of it, in multiples of their spacing: in the mean (half of it, were they strewn at random), and the farthest. Of 52

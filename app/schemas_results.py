@@ -69,8 +69,8 @@ class LinkEstimate(BaseModel):
     certain: Certain
     doubts: list[Doubt] | None = Field(
         description="why it is not certain: the fit is not good, too few draws count, the scan sees through its part, "
-        "or one that it hangs on, a std_xyz or expected_add is above max_std, another mode has it elsewhere, or it may "
-        "be turned; null where there is no posterior"
+        "or one that it hangs on, it looks the same in other modes' turns, a std_xyz or expected_add is above max_std, "
+        "another mode has it elsewhere, or it may be turned; null where there is no posterior"
     )
     visible_fraction: float | None = Field(
         description="share of its surface towards the camera that was seen, 0 to 1; null where no surface moves with it"

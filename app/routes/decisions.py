@@ -109,9 +109,13 @@ def _action(snapshot: Snapshot, blocking: list[str], max_std: float) -> tuple[st
     if not blocking:
         return "act", f"every asked link is known to {1000 * max_std:g} mm; {posterior.fit.reason}"
     found = f"{some_of(blocking)} may be off by more than {1000 * max_std:g} mm"
-    spread, names = snapshot.placed.spread, snapshot.problem.mrf.model.links
-    if spread is not None and spread.turned(max_std)[[names.index(link) for link in blocking]].any():
+    rows = {name: row for row, name in enumerate(snapshot.problem.mrf.model.links)}
+    doubts = snapshot.placed.doubts(max_std)
+    if any(doubts["turned"][rows[link]] for link in blocking):
         found += f", or turned by more than {np.degrees(TURN * max_std):g}°"
+    alike = [link for link in blocking if doubts["alike"][rows[link]]]
+    if alike:
+        found += f"; no view would tell how these are turned, which look the same in other turns: {some_of(alike)}"
     return "look", found
 
 

@@ -73,7 +73,9 @@ class Standing:
     @cached_property
     def unknown(self) -> tuple[str, ...]:
         """A sentence for each joint and turn that the scan does not tell at all."""
-        return () if self.spread is None else unknown(self.problem, self.spread)
+        if self.posterior is None or self.spread is None:
+            return ()
+        return unknown(self.problem, self.posterior, self.spread)
 
     @cached_property
     def nuisance_stds(self) -> Array:

@@ -10,12 +10,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.denied_parts import moving
 from pmpnbp.readout.fit import Fit
 from pmpnbp.readout.particle_statistics import covariance
-from pmpnbp.readout.surface_distance import distances, part_surfaces, turn_agreement, turns
+from pmpnbp.readout.surface_distance import distances, looks_the_same, part_surfaces, turn_agreement, turns
 from pmpnbp.scene.articulated_object import ArticulatedObject, parts_of_links
 from pmpnbp.scene.sizes import resized
 
@@ -29,10 +30,12 @@ DOUBT = 0.01
 # more than this, radians for each metre of `max_std`: 2° at the paper's 2.5 mm. What is slender may turn about itself
 # by more and hardly move its surface.
 LONG, TURNED, TURN = 0.10, 0.15, 400 * np.radians(2.0)
+# What is turned by less, radians, looks the same because it is there.
+TURNED_AT_LEAST = 0.2
 # The central share of a joint's interval.
 CENTRAL = 0.9
 # Why a link is not certain, see `Spread.doubts`, in the order in which it is told.
-Doubt = Literal["fit", "draws", "denied", "std_xyz", "expected_add", "elsewhere", "turned"]
+Doubt = Literal["fit", "draws", "denied", "alike", "std_xyz", "expected_add", "elsewhere", "turned"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +124,8 @@ class Spread:
     covariances : (L, 6, 6), see `particle_statistics.covariance`; expected_add : (L,) metres (eq. 12) of the part that
     a link moves with, NaN where that has no surface; joint_stds : (D,) about the estimate; joint_intervals : (2, D)
     the central 90 %; moved : (M, L) metres (eq. 12, or of the origin where there is no surface) from the estimate to
-    each mode's best configuration; round_turns : (N,) of a part that is round about an axis, how far its turns about
+    each mode's best configuration; alike : (M, L) whether a mode of more than DOUBT has the link's part turned so that
+    it looks the same; round_turns : (N,) of a part that is round about an axis, how far its turns about
     it agree, 0 (any) to 1 (all the same): the length of their mean on the unit circle; NaN of others; denied : (L,)
     whether a link is of a part, or hangs on one, that is not to be believed where it was found; turns : (DRAWS, L)
     radians that even draws have it turned by, see `surface_distance.turns`; 0 for a link of a part that is not LONG
@@ -132,25 +136,29 @@ class Spread:
     joint_stds: Array
     joint_intervals: Array
     moved: Array
+    alike: NDArray[np.bool_]
     round_turns: Array
     denied: NDArray[np.bool_]
     turns: Array
 
     def doubts(self, posterior: Posterior, max_std: float) -> dict[Doubt, NDArray[np.bool_]]:
         """(L,) each, whether for this reason a link is not certain. fit : what should be seen is not; draws : too few
-        count; denied : its part, or one that it hangs on; std_xyz, expected_add : an element is above `max_std`,
+        count; denied : its part, or one that it hangs on; alike : where modes of more than 1 % have it elsewhere, it is
+        turned so that it looks the same, which no view tells; std_xyz, expected_add : an element is above `max_std`,
         metres; elsewhere : a mode of more than 1 % has it there; turned : see LONG"""
         std = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2)[:, :3]).max(axis=1)
         rivals = np.array([mode.weight > DOUBT for mode in posterior.modes])
         # the mode that is told is not elsewhere; how far it is from where it is told to be counts as spread
         rivals[np.argmin(self.moved.max(axis=1))] = False
+        elsewhere = rivals[:, None] & (self.moved > max_std)
         return {
             "fit": np.full(len(std), posterior.fit.verdict != "good"),
             "draws": np.full(len(std), posterior.effective_sample_size < FEWEST_DRAWS),
             "denied": self.denied,
+            "alike": np.any(elsewhere, axis=0) & np.all(self.alike | ~elsewhere, axis=0),
             "std_xyz": ~(std <= max_std),
             "expected_add": self.expected_add > max_std,
-            "elsewhere": np.any(rivals[:, None] & (self.moved > max_std), axis=0),
+            "elsewhere": np.any(elsewhere, axis=0),
             "turned": self.turned(max_std),
         }
 
@@ -186,10 +194,21 @@ def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -
         joint_stds=np.sqrt(weights @ gap**2 / weights.sum()),
         joint_intervals=joints + intervals,
         moved=np.fmax(apart[DRAWS:], origins),
+        alike=_alike(model, posterior, at, modes)[:, node],
         round_turns=turn_agreement(surfaces, at, placed),
         turns=(turns(surfaces, at, placed) * [part.extents.max() > LONG for part in model.parts])[:, node],
         denied=np.isin(node, [below for one in posterior.denied(model) for below in moving(problem.mrf, one)]),
     )
+
+
+def _alike(model: ArticulatedObject, posterior: Posterior, at: Array, modes: Array) -> NDArray[np.bool_]:
+    """(M, N): which parts are turned in modes (M, N, 7) of more than DOUBT, but look the same as at `at` (N, 7)."""
+    turned = poses.rotation_angle(at[:, 3:], modes[..., 3:]) > TURNED_AT_LEAST
+    turned &= np.array([mode.weight > DOUBT for mode in posterior.modes])[:, None]
+    for mode, node in np.argwhere(turned):
+        part = model.parts[node]
+        turned[mode, node] = part.visible and looks_the_same(part, at[node], modes[mode, node])
+    return turned
 
 
 def link_modes(model: ArticulatedObject, posterior: Posterior) -> list[list[tuple[float, Array, Array]]]:

@@ -25,10 +25,11 @@ POINTS = 100
 # Points that tell whether a part is round, turned by an angle, radians, in which no shape of up to twelve like sides or
 # arms repeats itself.
 TOLD_BY, ANGLE = 8000, 0.3
-# A round part is as wide one way as the other, by this share, and once its points are turned each is as near to others
-# of it, in multiples of their spacing: in the mean (half of it, were they strewn at random), and the farthest. Of 52
-# cylinders, cones, rings, spheres and turned shapes of 12 to 64 sides that is 1.9 at most; a knob's pointer is farther.
-WIDTHS, NEAR, FARTHEST = 0.03, 0.7, 2.3
+# A round part is as wide one way as the other, by this share. A surface is on itself when its points are as near to
+# others of it as this, in multiples of their spacing: in the mean (half of it, were they strewn at random), and all
+# but a thousandth. Of 52 cylinders, cones, rings, spheres and turned shapes of 12 to 64 sides, turned, that is 1.7 at
+# most; of a knob with a pointer it is more.
+WIDTHS, NEAR, FAR, BUT = 0.03, 0.7, 2.3, 0.001
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,15 @@ def turn_agreement(surfaces: tuple[PartSurface, ...], here: Array, there: Array)
     return found
 
 
+def looks_the_same(part: Part, here: Array, there: Array) -> bool:
+    """Whether a part with a surface has it where it is at one pose (7,) at the other (7,), too, turned."""
+    points = even_points(part.mesh, TOLD_BY)
+    moved = poses.transform_points(poses.multiply(poses.inverse(here), there), points)
+    # what comes back to itself keeps its middle
+    middles_apart = float(np.linalg.norm((moved - points).mean(axis=0)))
+    return middles_apart < FAR * _spacing(part) and _is_on(points, moved, part)
+
+
 def _round_axis(part: Part) -> Array | None:
     """(3,) the axis of a part's frame about which it is round, as one with a surface may be, or None."""
     extents = part.extents
@@ -112,10 +122,17 @@ def _round_axis(part: Part) -> Array | None:
         across = np.delete(extents, number)
         if across.max() == 0 or np.ptp(across) > WIDTHS * across.max():
             continue
-        spacing = np.sqrt(area(part.mesh) / TOLD_BY)
         points = even_points(part.mesh, TOLD_BY) - part.centre
-        turned = poses.rotate(poses.from_rotation_vector(ANGLE * axis), points)
-        apart = cKDTree(points).query(turned)[0] / spacing
-        if apart.mean() < NEAR and apart.max() < FARTHEST:
+        if _is_on(points, poses.rotate(poses.from_rotation_vector(ANGLE * axis), points), part):
             return axis
     return None
+
+
+def _is_on(points: Array, moved: Array, part: Part) -> bool:
+    """Whether points (TOLD_BY, 3) of a part's surface are on it when they are `moved` (TOLD_BY, 3)."""
+    apart = cKDTree(points).query(moved)[0] / _spacing(part)
+    return bool(apart.mean() < NEAR and np.quantile(apart, 1 - BUT) < FAR)
+
+
+def _spacing(part: Part) -> float:
+    return float(np.sqrt(area(part.mesh) / TOLD_BY))

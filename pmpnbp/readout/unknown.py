@@ -1,32 +1,73 @@
-"""What does the scan not tell at all? Joints that may stand almost anywhere, and parts that may be turned as they like.
+"""What does the scan not tell at all? Joints that may stand almost anywhere, and parts that may be turned as they like,
+or in a few ways that look the same.
 
 A round plate looks the same however it is turned, and a round foot takes the first joint's angle with it: no look from
-anywhere would tell. A drawer that cannot be seen may stand where it likes, until somebody looks from elsewhere.
+anywhere would tell. Neither would one tell which of a chair's five feet is the first. A drawer that cannot be seen may
+stand where it likes, until somebody looks from elsewhere.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
-from pmpnbp.readout.posterior import Spread
+from pmpnbp.readout.posterior import DOUBT, Posterior, Spread
 
 # A joint may stand anywhere where its central interval has this share of its range; a turn is any where the mean of
 # its draws, as points on the unit circle, is nearer to the middle than this.
 ANYWHERE, EVEN = 0.75, 0.3
+# It stands in one of some places where its standard deviation within each is less than this share of its range.
+IN_PLACE = 0.05
 
 
-def unknown(problem: Problem, told: Spread) -> tuple[str, ...]:
-    """A sentence for each joint coordinate, and for each round part, of which nothing is known."""
+def unknown(problem: Problem, posterior: Posterior, told: Spread) -> tuple[str, ...]:
+    """A sentence for each joint coordinate, and for each part that is round or has turns that look the same, of which
+    that is all that is known."""
     model = problem.mrf.model
     found = []
     for coordinate, name in enumerate(model.coordinate_names):
         turns, (low, high) = problem.joint_turns[coordinate], told.joint_intervals[:, coordinate]
         span = 2 * np.pi if model.wraps[coordinate] else model.upper[coordinate] - model.lower[coordinate]
-        if 0 < span < np.inf and high - low > ANYWHERE * span:
-            ends = f"{np.degrees(low):.0f}° to {np.degrees(high):.0f}°" if turns else f"{low:.2f} m to {high:.2f} m"
-            found.append(f"joint '{name}' may be anywhere from {ends}")
+        if not 0 < span < np.inf:
+            continue
+        anywhere = high - low > ANYWHERE * span
+        wraps = bool(model.wraps[coordinate])
+        places = _places(posterior, coordinate, wraps, IN_PLACE * span) if anywhere or told.alike.any() else []
+        if places:
+            found.append(f"joint '{name}' is at {' or '.join(_position(one, turns) for one in places)}")
+        elif anywhere:
+            found.append(f"joint '{name}' may be anywhere from {_position(low, turns)} to {_position(high, turns)}")
     for part, evenness in zip(model.parts, told.round_turns, strict=True):
         if evenness < EVEN:
             found.append(f"'{part.name}' is round, and may be turned by any angle about its axis")
+    for part in model.parts:
+        ways = 1 + int(told.alike[:, model.links.index(part.links[0])].sum())
+        if ways > 1:
+            found.append(f"'{part.name}' may be turned in {ways} ways that look the same")
     return tuple(found)
+
+
+def _places(posterior: Posterior, coordinate: int, wraps: bool, most: float) -> list[float]:
+    """Where the modes of more than DOUBT have a joint coordinate, those within `most` of each other once; none where
+    the draws of one are farther from it than that, or there is one place only."""
+    found: list[float] = []
+    weights = np.exp(posterior.log_weights)
+    for number, mode in enumerate(posterior.modes):
+        if mode.weight <= DOUBT:
+            continue
+        place, own = float(mode.joints[coordinate]), posterior.mode == number
+        gaps = _gaps(posterior.drawn_joints[own, coordinate] - place, wraps)
+        if not own.any() or weights[own] @ gaps**2 > most**2 * weights[own].sum():
+            return []
+        if not any(abs(_gaps(np.array(place - other), wraps)) < most for other in found):
+            found.append(place)
+    return sorted(found) if len(found) > 1 else []
+
+
+def _gaps(gaps: Array, wraps: bool) -> Array:
+    return gaps - 2 * np.pi * np.round(gaps / (2 * np.pi)) if wraps else gaps
+
+
+def _position(value: float, turns: bool) -> str:
+    return f"{np.degrees(value):.0f}°" if turns else f"{value:.2f} m"

@@ -29,7 +29,17 @@ def advice(result: Mapping[str, Any]) -> str:
     if result["fit"] != "good":
         return "Next: look again from another place, and give a box around the object, if you know one"
     unsure = [name for name, link in result["links"].items() if not link["certain"]]
+    # no look tells which way they are turned
+    alike = [name for name in unsure if _looks_the_same(result["links"][name])]
+    hidden = [name for name in unsure if name not in alike]
     limit = f"{1000 * result['max_std']:g} mm"
     if not unsure:
         return f"Next: act; every link is known to {limit}"
-    return f"Next: act on what is certain, or look again from where {some_of(unsure)} can be seen; {limit} is asked for"
+    if not hidden:
+        return f"Next: act on what is certain, to {limit}; no look would tell how these are turned: {some_of(alike)}"
+    return f"Next: act on what is certain, or look again from where {some_of(hidden)} can be seen; {limit} is asked for"
+
+
+def _looks_the_same(link: Mapping[str, Any]) -> bool:
+    """Whether a link is not certain only because it looks the same in several turns."""
+    return "alike" in link["doubts"] and not {"denied", "draws"} & set(link["doubts"])

@@ -124,6 +124,14 @@ def test_it_reads_well() -> None:
     [
         ({}, "Next: act on what is certain, or look again from where base, tray can be seen; 2.5 mm is asked for"),
         ({"links": {"base": LINK | {"certain": True}}}, "Next: act; every link is known to 2.5 mm"),
+        (
+            {"links": {"base": LINK | {"doubts": ["alike", "expected_add", "elsewhere", "turned"]}}},
+            "Next: act on what is certain, to 2.5 mm; no look would tell how these are turned: base",
+        ),
+        (
+            {"links": {"base": LINK | {"doubts": ["alike", "elsewhere"]}, "tray": LINK}},
+            "Next: act on what is certain, or look again from where tray can be seen; 2.5 mm is asked for",
+        ),
         ({"fit": "doubtful"}, "Next: look again from another place, and give a box around the object, if you know one"),
         ({"fit": "none"}, "Next: look again from another place, and give a box around the object, if you know one"),
         ({"fit": None}, "Next: let it make more iterations"),

@@ -48,7 +48,7 @@ def told_of(model: ArticulatedObject, root: Array, joints: Array, eye: float = 0
         effective_sample_size=draws.effective_sample_size,
         fit=Fit(verdict="good", reason="as a test says", explained=1.0),
     )
-    return unknown(made, spread(made, posterior, root, joints))
+    return unknown(made, posterior, spread(made, posterior, root, joints))
 
 
 def test_a_drawer_that_cannot_be_seen_is_named_with_where_it_may_be() -> None:
@@ -69,6 +69,62 @@ def test_a_round_foot_may_be_turned_and_its_first_joint_with_it() -> None:
     found = told_of(model, at(1.2, 0.0, 0.1, yaw=0.3), np.array([0.4]))
     assert len(found) == 2 and found[0].startswith("joint 'turn' may be anywhere from -")
     assert found[1] == "'link0' is round, and may be turned by any angle about its axis"
+
+
+def test_a_foot_that_looks_the_same_in_two_turns_and_where_the_joint_on_it_is_then() -> None:
+    """The bar on it is seen well, a hand's breadth off its middle; half a turn of the foot takes the joint with it."""
+    turn = Joint("turn", "revolute", "link0", "link1", at(0, 0, 0.1), Z, -3.1, 3.1, (0,))
+    foot = block([0.4, 0.25, 0.2])
+    model = articulated([turn], {"link0": foot, "link1": block([0.4, 0.08, 0.3], at(0.1, 0, 0.15))})
+    places = [
+        (at(1.2, 0.0, 0.1, yaw=0.3), np.array([1.5])),
+        (at(1.2, 0.0, 0.1, yaw=0.3 - np.pi), np.array([1.5 - np.pi])),
+    ]
+    observation = worlds.seen(model, *places[0], worlds.camera_at((0.0, 0.0, 0.7), places[0][0][:3]), margin=0.3)
+    made: Problem = problems.build(model, observation, UniformPrior("upright"), worlds.settings(), particles=20)
+    two = of_modes(made, places, [0.6, 0.4])
+    told = spread(made, two, *places[0])
+    assert unknown(made, two, told) == (
+        "joint 'turn' is at -94° or 86°",
+        "'link0' may be turned in 2 ways that look the same",
+    )
+    doubts = told.doubts(two, 0.0025)
+    assert doubts["alike"].tolist() == [True, False] and doubts["elsewhere"].tolist() == [True, False]
+    # what weighs next to nothing is no doubt, and no other way
+    few = of_modes(made, places, [0.995, 0.005])
+    told = spread(made, few, *places[0])
+    assert unknown(made, few, told) == () and not told.doubts(few, 0.0025)["alike"].any()
+    # a foot with something on one side of it is elsewhere when it is turned
+    lopsided = LinkSurface(exact=(*foot.exact, *block([0.05, 0.05, 0.05], at(0.15, 0, 0.12)).exact))
+    model = articulated([turn], {"link0": lopsided, "link1": block([0.4, 0.08, 0.3], at(0.1, 0, 0.15))})
+    made = problems.build(model, observation, UniformPrior("upright"), worlds.settings(), particles=20)
+    two = of_modes(made, places, [0.6, 0.4])
+    told = spread(made, two, *places[0])
+    assert unknown(made, two, told) == ()
+    doubts = told.doubts(two, 0.0025)
+    assert not doubts["alike"].any() and doubts["elsewhere"].tolist() == [True, False]
+
+
+def of_modes(made: Problem, places: list[tuple[Array, Array]], weights: list[float]) -> Posterior:
+    """A posterior of modes at places (root, joints), each drawn a millimetre and a milliradian about."""
+    rng, count = np.random.default_rng(5), 200
+    roots = [poses.perturb(root, *(1e-3 * rng.standard_normal((2, count, 3)))) for root, _ in places]
+    joints = [joints + 1e-3 * rng.standard_normal((count, len(joints))) for _, joints in places]
+    return Posterior(
+        iteration=0,
+        root=places[0][0],
+        joints=places[0][1],
+        drawn_roots=np.concatenate(roots),
+        drawn_joints=np.concatenate(joints),
+        log_weights=np.log(np.repeat(weights, count) / count),
+        mode=np.repeat(np.arange(len(places)), count),
+        modes=tuple(
+            ObjectMode(weight=weight, root=root, joints=joints)
+            for weight, (root, joints) in zip(weights, places, strict=True)
+        ),
+        effective_sample_size=float(count),
+        fit=Fit(verdict="good", reason="as a test says", explained=1.0),
+    )
 
 
 def test_turns_about_the_axis_agree_where_they_are_the_same(rng: np.random.Generator) -> None:

@@ -35,7 +35,7 @@ def unknown(problem: Problem, posterior: Posterior, told: Spread) -> tuple[str, 
         wraps = bool(model.wraps[coordinate])
         places = _places(posterior, coordinate, wraps, IN_PLACE * span) if anywhere or told.alike.any() else []
         if places:
-            found.append(f"joint '{name}' is at {' or '.join(_position(one, turns) for one in places)}")
+            found.append(f"joint '{name}' may be at {' or '.join(_position(one, turns) for one in places)}")
         elif anywhere:
             found.append(f"joint '{name}' may be anywhere from {_position(low, turns)} to {_position(high, turns)}")
     for part, evenness in zip(model.parts, told.round_turns, strict=True):

@@ -85,7 +85,7 @@ def test_a_foot_that_looks_the_same_in_two_turns_and_where_the_joint_on_it_is_th
     two = of_modes(made, places, [0.6, 0.4])
     told = spread(made, two, *places[0])
     assert unknown(made, two, told) == (
-        "joint 'turn' is at -94° or 86°",
+        "joint 'turn' may be at -94° or 86°",
         "'link0' may be turned in 2 ways that look the same",
     )
     doubts = told.doubts(two, 0.0025)

@@ -30,7 +30,7 @@ DOUBT = 0.01
 # more than this, radians for each metre of `max_std`: 2° at the paper's 2.5 mm. What is slender may turn about itself
 # by more and hardly move its surface.
 LONG, TURNED, TURN = 0.10, 0.15, 400 * np.radians(2.0)
-# What is turned by less, radians, looks the same because it is there.
+# What is turned by less, radians, is not turned another way.
 TURNED_AT_LEAST = 0.2
 # The central share of a joint's interval.
 CENTRAL = 0.9
@@ -125,10 +125,10 @@ class Spread:
     a link moves with, NaN where that has no surface; joint_stds : (D,) about the estimate; joint_intervals : (2, D)
     the central 90 %; moved : (M, L) metres (eq. 12, or of the origin where there is no surface) from the estimate to
     each mode's best configuration; alike : (M, L) whether a mode of more than DOUBT has the link's part turned so that
-    it looks the same; round_turns : (N,) of a part that is round about an axis, how far its turns about
-    it agree, 0 (any) to 1 (all the same): the length of their mean on the unit circle; NaN of others; denied : (L,)
-    whether a link is of a part, or hangs on one, that is not to be believed where it was found; turns : (DRAWS, L)
-    radians that even draws have it turned by, see `surface_distance.turns`; 0 for a link of a part that is not LONG
+    it looks the same; round_turns : (N,) of a part that is round about an axis, how far its turns about it agree, 0
+    (any) to 1 (all the same): the length of their mean on the unit circle; NaN of others; denied : (L,) whether a link
+    is of a part, or hangs on one, that is not to be believed where it was found; turns : (DRAWS, L) radians that even
+    draws have it turned by, see `surface_distance.turns`; 0 for a link of a part that is not LONG
     """
 
     covariances: Array

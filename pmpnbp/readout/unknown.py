@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
-from pmpnbp.readout.posterior import DOUBT, Posterior, Spread
+from pmpnbp.readout.posterior import DOUBT, TURNED_AT_LEAST, Posterior, Spread
 
 # A joint may stand anywhere where its central interval has this share of its range; a turn is any where the mean of
 # its draws, as points on the unit circle, is nearer to the middle than this.
@@ -41,11 +42,22 @@ def unknown(problem: Problem, posterior: Posterior, told: Spread) -> tuple[str, 
     for part, evenness in zip(model.parts, told.round_turns, strict=True):
         if evenness < EVEN:
             found.append(f"'{part.name}' is round, and may be turned by any angle about its axis")
+    mode_poses = np.array([mode.link_poses(model) for mode in posterior.modes])
     for part in model.parts:
-        ways = 1 + int(told.alike[:, model.links.index(part.links[0])].sum())
-        if ways > 1:
-            found.append(f"'{part.name}' may be turned in {ways} ways that look the same")
+        link = model.links.index(part.links[0])
+        ways = _turns_apart(mode_poses[told.alike[:, link], link])
+        if ways:
+            found.append(f"'{part.name}' may be turned in {1 + ways} ways that look the same")
     return tuple(found)
+
+
+def _turns_apart(there: Array) -> int:
+    """How many of some poses (M, 7) are turned apart."""
+    apart: list[Array] = []
+    for pose in there:
+        if all(poses.rotation_angle(pose[3:], other[3:]) > TURNED_AT_LEAST for other in apart):
+            apart.append(pose)
+    return len(apart)
 
 
 def _places(posterior: Posterior, coordinate: int, wraps: bool, most: float) -> list[float]:

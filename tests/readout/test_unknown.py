@@ -90,6 +90,10 @@ def test_a_foot_that_looks_the_same_in_two_turns_and_where_the_joint_on_it_is_th
     )
     doubts = told.doubts(two, 0.0025)
     assert doubts["alike"].tolist() == [True, False] and doubts["elsewhere"].tolist() == [True, False]
+    # two modes of one turn are one way
+    tilted = (places[1][0], places[1][1] + 0.02)
+    three = of_modes(made, [*places, tilted], [0.5, 0.3, 0.2])
+    assert unknown(made, three, spread(made, three, *places[0])) == unknown(made, two, told)
     # what weighs next to nothing is no doubt, and no other way
     few = of_modes(made, places, [0.995, 0.005])
     told = spread(made, few, *places[0])

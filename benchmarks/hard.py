@@ -19,7 +19,7 @@ import numpy as np
 from PIL import Image
 
 from benchmarks import options
-from benchmarks.hard_scenes import FAMILIES, HardScene, hard_scene
+from benchmarks.hard_scenes import EVERY_FAMILY, FAMILIES, HardScene, hard_scene
 from benchmarks.tables import centimetres, markdown, progress, rate
 from benchmarks.trials import FURTHER, Case, Trial, load_case, load_roi, run_trial, warm_kernels
 from pmpnbp.geometry import poses
@@ -59,7 +59,7 @@ def load_hard(
     """The scene made ready, and its prior. margin : metres about the object's box; None looks everywhere; sensor : the
     camera's kind."""
     made, folder = hard_scene(family, seed, sensor), parent / f"{family}_{seed}"
-    rng = np.random.default_rng([21, list(FAMILIES).index(family), seed])
+    rng = np.random.default_rng([21, list(EVERY_FAMILY).index(family), seed])
     write_hard(folder, made, rng)
     grown = None if margin is None else load_roi(folder) + np.repeat([-1.0, 1.0], 3) * (margin - ROI_MARGIN)
     model = load_model(folder / "model.urdf", triangle_budget=settings.triangles)
@@ -74,7 +74,7 @@ def load_absent(
     made = hard_scene(family, seed, sensor)
     below = made.scene.pose_world_base + np.array([0.0, 0.0, -AWAY, 0.0, 0.0, 0.0, 0.0])
     folder = parent / f"{family}_{seed}_absent"
-    rng = np.random.default_rng([22, list(FAMILIES).index(family), seed])
+    rng = np.random.default_rng([22, list(EVERY_FAMILY).index(family), seed])
     write_hard(folder, replace(made, scene=replace(made.scene, pose_world_base=below)), rng)
     model = load_model(folder / "model.urdf", triangle_budget=settings.triangles)
     return load_case(folder.name, model, folder, roi, settings)
@@ -175,7 +175,7 @@ def report(runs: Sequence[HardRun]) -> str:
 def main(words: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = options.parser("success on hard scenes", seeds=3, iterations=100)
-    parser.add_argument("--families", nargs="*", choices=list(FAMILIES), default=list(FAMILIES))
+    parser.add_argument("--families", nargs="*", choices=list(EVERY_FAMILY), default=list(FAMILIES))
     parser.add_argument("--tuning", action="store_true", help="the even seeds, that settings may be chosen on")
     options.add_sensor(parser)
     parser.add_argument("--margin", type=float, default=MARGIN, help="metres about the object; below 0: no region")

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.everyday_scenes import EVERYDAY
 from benchmarks.furniture_scenes import kitchen_row, room_door, wardrobe_before_a_wall
 from benchmarks.scene_rooms import HardScene, above_ground, floor_scene, table_scene
 from pmpnbp.geometry import poses
@@ -103,8 +104,8 @@ def monitor(upper: float, fore: float) -> str:
 
 def hard_scene(family: str, seed: int, sensor: str = Scene.sensor) -> HardScene:
     """The scene of a family and a seed, before a kind of camera, one of `sensor.KINDS`. Raises KeyError for a family
-    that is none of FAMILIES."""
-    made = FAMILIES[family](np.random.default_rng([20, list(FAMILIES).index(family), seed]))
+    that is none of EVERY_FAMILY."""
+    made = EVERY_FAMILY[family](np.random.default_rng([20, list(EVERY_FAMILY).index(family), seed]))
     return replace(made, scene=replace(made.scene, sensor=sensor))
 
 
@@ -332,3 +333,5 @@ FAMILIES: dict[str, Callable[[np.random.Generator], HardScene]] = {
     "monitor": _monitor,
     "two_views": _two_views,
 }
+# With those that are not hard, but of other objects than anything was made with.
+EVERY_FAMILY = FAMILIES | EVERYDAY

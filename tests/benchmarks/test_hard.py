@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from benchmarks import belief, hard
-from benchmarks.hard_scenes import FAMILIES, hard_scene
+from benchmarks.hard_scenes import EVERY_FAMILY, hard_scene
 from pmpnbp.scene.urdf import load_model
 from sample_data.rendering import posed
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", EVERY_FAMILY)
 def test_a_scene_is_the_same_by_seed_and_its_model_has_the_joints_that_are_moved(family: str, tmp_path: Path) -> None:
     first, again, other = hard_scene(family, 3), hard_scene(family, 3), hard_scene(family, 5)
     np.testing.assert_array_equal(first.scene.pose_world_base, again.scene.pose_world_base)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sample_data.urdf_text import box, cylinder, joint, link, robot, sphere
+from sample_data.urdf_text import box, cylinder, joint, link, robot, slide, sphere
 
 # Sheet metal and boards, metres.
 WALL = 0.02
@@ -35,7 +35,7 @@ def fridge(width: float, depth: float, height: float) -> str:
     front = box((wall, width - 0.004, split - 0.01), (wall / 2, 0, split / 2))
     grip = cylinder(0.012, 0.5, (wall + 0.04, 0, split - 0.1), ALONG_Y)
     elements.append(link("freezer", [front, grip, box((inside, 0.8 * width, WALL), (-inside / 2, 0, 0.1)), *sides]))
-    elements.append(_slide("freezer_slide", "body", "freezer", (0, 0, 0), inside))
+    elements.append(slide("freezer_slide", "body", "freezer", (0, 0, 0), (1, 0, 0), inside))
     return robot("fridge", elements)
 
 
@@ -48,7 +48,7 @@ def washing_machine(width: float, depth: float, height: float, radius: float) ->
         link("door", [*door, box((0.03, 0.03, 0.1), (0.05, 0.02 - 2 * radius, 0))]),
         link("tray", tray),
         joint("hinge", "revolute", "body", "door", (0, radius, 0.45 * height), axis=(0, 0, 1), limits=(0, 2.6)),
-        _slide("slide", "body", "tray", (0, width / 2 - 0.11, height - 0.06), 0.22),
+        slide("slide", "body", "tray", (0, width / 2 - 0.11, height - 0.06), (1, 0, 0), 0.22),
     ]
     return robot("washing_machine", elements)
 
@@ -77,9 +77,7 @@ def office_chair() -> str:
 def carton(width: float, depth: float, height: float) -> str:
     """Four flaps; front and back are as long as each other, and the sides."""
     wall = 0.006
-    sides = [box((depth, wall, height), (0, side * width / 2, height / 2)) for side in (-1, 1)]
-    ends = [box((wall, width, height), (side * depth / 2, 0, height / 2)) for side in (-1, 1)]
-    elements = [link("carton", [*sides, *ends, box((depth, width, wall), (0, 0, wall / 2))])]
+    elements = [link("carton", _open_box(width, depth, height, wall))]
     for number, name in enumerate(("front", "left", "back", "right")):
         turn, across = number * np.pi / 2, number % 2
         out, long = (width, depth) if across else (depth, width)
@@ -95,10 +93,8 @@ def toolbox(width: float, depth: float, height: float) -> str:
     lid = [box((depth, width, 0.01), (depth / 2, 0, 0.02)), box((0.04, 0.08, 0.02), (depth + 0.01, 0, 0))]
     grip = [cylinder(0.012, 0.18, (0.06, 0, 0), ALONG_Y)]
     grip += [box((0.06, 0.015, 0.01), (0.03, side * 0.09, 0)) for side in (-1, 1)]
-    sides = [box((depth, 0.01, height), (0, side * width / 2, height / 2)) for side in (-1, 1)]
-    ends = [box((0.01, width, height), (side * depth / 2, 0, height / 2)) for side in (-1, 1)]
     elements = [
-        link("tub", [*sides, *ends, box((depth, width, 0.01), (0, 0, 0.005))]),
+        link("tub", _open_box(width, depth, height, 0.01)),
         link("lid", lid),
         link("grip", grip),
         joint("hinge", "revolute", "tub", "lid", (-depth / 2, 0, height), axis=(0, -1, 0), limits=(0, 2.2)),
@@ -171,8 +167,8 @@ def dishwasher(width: float, depth: float, height: float) -> str:
         link("lower", rack),
         link("upper", rack),
         joint("hinge", "revolute", "body", "door", (0, 0, 0.1), axis=(0, 1, 0), limits=(0, 1.57)),
-        _slide("lower_slide", "body", "lower", (-0.03, 0, 0.16), 0.45),
-        _slide("upper_slide", "body", "upper", (-0.03, 0, 0.5), 0.45),
+        slide("lower_slide", "body", "lower", (-0.03, 0, 0.16), (1, 0, 0), 0.45),
+        slide("upper_slide", "body", "upper", (-0.03, 0, 0.5), (1, 0, 0), 0.45),
     ]
     return robot("dishwasher", elements)
 
@@ -249,5 +245,8 @@ def _housing(width: float, depth: float, height: float, wall: float) -> list[str
     return [*sides, *across, box((wall, width, height), (wall / 2 - depth, 0, height / 2))]
 
 
-def _slide(name: str, parent: str, child: str, at: tuple[float, float, float], reach: float) -> str:
-    return joint(name, "prismatic", parent, child, at, axis=(1, 0, 0), limits=(0, reach))
+def _open_box(width: float, depth: float, height: float, wall: float) -> list[str]:
+    """Visuals of a box of boards that is open above."""
+    sides = [box((depth, wall, height), (0, side * width / 2, height / 2)) for side in (-1, 1)]
+    ends = [box((wall, width, height), (side * depth / 2, 0, height / 2)) for side in (-1, 1)]
+    return [*sides, *ends, box((depth, width, wall), (0, 0, wall / 2))]

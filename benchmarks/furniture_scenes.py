@@ -5,7 +5,6 @@ One step of a structured-light camera's depth is 2 to 4 cm there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +14,7 @@ from pmpnbp.geometry import poses
 from sample_data import models, surroundings
 from sample_data.models import BOARD
 from sample_data.rendering import posed
-from sample_data.urdf_text import box, cylinder, joint, link, robot
+from sample_data.urdf_text import box, cylinder, joint, link, robot, slide
 
 # Of a door's frame: how wide it is, how deep, and how far its wall's middle lies behind its own; metres.
 FRAME, FRAME_DEPTH, RECESS = 0.07, 0.1, 0.02
@@ -50,7 +49,7 @@ def wardrobe(width: float, depth: float, height: float) -> str:
         grip = box((0.012, 0.03, 0.3), (0.012, side * (leaf[1] / 2 - 0.06), 0))
         at = (before, side * (width / 4 - 0.01), height / 2)
         elements.append(link(f"door{number}", [box(leaf, (0, 0, 0)), grip]))
-        elements.append(_slide(f"slide{number}", "carcass", f"door{number}", at, (0, -side, 0), width / 2 - 0.05))
+        elements.append(slide(f"slide{number}", "carcass", f"door{number}", at, (0, -side, 0), width / 2 - 0.05))
     return robot("wardrobe", elements)
 
 
@@ -72,12 +71,8 @@ def kitchen(width: float, depth: float, height: float) -> str:
         for row in range(2):
             name, at = f"drawer{k}{row}", (front, y, plinth + room / 2 * (row + 0.5))
             elements.append(link(name, models.drawer(unit - 0.006, depth - 0.05, room / 2 - 0.006)))
-            elements.append(_slide(f"slide{k}{row}", "carcass", name, at, (1, 0, 0), 0.4))
+            elements.append(slide(f"slide{k}{row}", "carcass", name, at, (1, 0, 0), 0.4))
     return robot("kitchen", elements)
-
-
-def _slide(name: str, parent: str, child: str, at: Sequence[float], axis: Sequence[float], reach: float) -> str:
-    return joint(name, "prismatic", parent, child, at, axis=axis, limits=(0, reach))
 
 
 def _shut_or(rng: np.random.Generator, low: float, high: float) -> float:

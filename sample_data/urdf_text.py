@@ -69,6 +69,11 @@ def joint(
     return "\n".join([*lines, "  </joint>"])
 
 
+def slide(name: str, parent: str, child: str, xyz: Numbers, axis: Numbers, reach: float) -> str:
+    """A prismatic `<joint>` that comes out by `reach` metres along `axis`."""
+    return joint(name, "prismatic", parent, child, xyz, axis=axis, limits=(0, reach))
+
+
 def robot(name: str, elements: Sequence[str]) -> str:
     """The whole file."""
     return "\n".join(['<?xml version="1.0"?>', f'<robot name="{name}">', *elements, "</robot>", ""])

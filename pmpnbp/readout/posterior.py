@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.joint_draws import short_way_round
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.denied_parts import moving
 from pmpnbp.readout.fit import Fit
@@ -56,6 +57,11 @@ class ObjectMode:
     weight: float
     root: Array
     joints: Array
+
+    @property
+    def counts(self) -> bool:
+        """Whether nobody is certain of a link that is elsewhere in it: it weighs more than DOUBT."""
+        return self.weight > DOUBT
 
     def link_poses(self, model: ArticulatedObject) -> Array:
         """(L, 7) of the model's links, in world."""
@@ -124,7 +130,7 @@ class Spread:
     covariances : (L, 6, 6), see `particle_statistics.covariance`; expected_add : (L,) metres (eq. 12) of the part that
     a link moves with, NaN where that has no surface; joint_stds : (D,) about the estimate; joint_intervals : (2, D)
     the central 90 %; moved : (M, L) metres (eq. 12, or of the origin where there is no surface) from the estimate to
-    each mode's best configuration; alike : (M, L) whether a mode of more than DOUBT has the link's part turned so that
+    each mode's best configuration; alike : (M, L) whether a mode that counts has the link's part turned so that
     it looks the same; round_turns : (N,) of a part that is round about an axis, how far its turns about it agree, 0
     (any) to 1 (all the same): the length of their mean on the unit circle; NaN of others; denied : (L,) whether a link
     is of a part, or hangs on one, that is not to be believed where it was found; turns : (DRAWS, L) radians that even
@@ -147,7 +153,7 @@ class Spread:
         turned so that it looks the same, which no view tells; std_xyz, expected_add : an element is above `max_std`,
         metres; elsewhere : a mode of more than 1 % has it there; turned : see LONG"""
         std = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2)[:, :3]).max(axis=1)
-        rivals = np.array([mode.weight > DOUBT for mode in posterior.modes])
+        rivals = np.array([mode.counts for mode in posterior.modes])
         # the mode that is told is not elsewhere; how far it is from where it is told to be counts as spread
         rivals[np.argmin(self.moved.max(axis=1))] = False
         elsewhere = rivals[:, None] & (self.moved > max_std)
@@ -177,8 +183,7 @@ def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -
     weights = np.exp(posterior.log_weights)
     at = model.part_poses(root, joints)
     here = model.link_poses(at, joints)
-    gap = posterior.drawn_joints - joints
-    gap = np.where(model.wraps, gap - 2 * np.pi * np.round(gap / (2 * np.pi)), gap)
+    gap = short_way_round(posterior.drawn_joints - joints, model.wraps)
     intervals = np.quantile(gap, [(1 - CENTRAL) / 2, (1 + CENTRAL) / 2], axis=0, weights=weights, method="inverted_cdf")
     surfaces, parts = part_surfaces(model), parts_of_links(model)
     node = np.array([parts[link] for link in model.links])
@@ -202,9 +207,9 @@ def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -
 
 
 def _alike(model: ArticulatedObject, posterior: Posterior, at: Array, modes: Array) -> NDArray[np.bool_]:
-    """(M, N): which parts are turned in modes (M, N, 7) of more than DOUBT, but look the same as at `at` (N, 7)."""
+    """(M, N): which parts are turned in the modes (M, N, 7) that count, but look the same as at `at` (N, 7)."""
     turned = poses.rotation_angle(at[:, 3:], modes[..., 3:]) > TURNED_AT_LEAST
-    turned &= np.array([mode.weight > DOUBT for mode in posterior.modes])[:, None]
+    turned &= np.array([mode.counts for mode in posterior.modes])[:, None]
     for mode, node in np.argwhere(turned):
         part = model.parts[node]
         turned[mode, node] = part.visible and looks_the_same(part, at[node], modes[mode, node])

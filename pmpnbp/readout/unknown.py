@@ -9,11 +9,13 @@ stand where it likes, until somebody looks from elsewhere.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.joint_draws import short_way_round
 from pmpnbp.inference.problem import Problem
-from pmpnbp.readout.posterior import DOUBT, TURNED_AT_LEAST, Posterior, Spread
+from pmpnbp.readout.posterior import TURNED_AT_LEAST, Posterior, Spread
 
 # A joint may stand anywhere where its central interval has this share of its range; a turn is any where the mean of
 # its draws, as points on the unit circle, is nearer to the middle than this.
@@ -33,8 +35,9 @@ def unknown(problem: Problem, posterior: Posterior, told: Spread) -> tuple[str, 
         if not 0 < span < np.inf:
             continue
         anywhere = high - low > ANYWHERE * span
-        wraps = bool(model.wraps[coordinate])
-        places = _places(posterior, coordinate, wraps, IN_PLACE * span) if anywhere or told.alike.any() else []
+        places = []
+        if anywhere or told.alike.any():
+            places = _places(posterior, coordinate, model.wraps[coordinate], IN_PLACE * span)
         if places:
             found.append(f"joint '{name}' may be at {' or '.join(_position(one, turns) for one in places)}")
         elif anywhere:
@@ -60,25 +63,21 @@ def _turns_apart(there: Array) -> int:
     return len(apart)
 
 
-def _places(posterior: Posterior, coordinate: int, wraps: bool, most: float) -> list[float]:
-    """Where the modes of more than DOUBT have a joint coordinate, those within `most` of each other once; none where
+def _places(posterior: Posterior, coordinate: int, wraps: NDArray[np.bool_], most: float) -> list[float]:
+    """Where the modes that count have a joint coordinate, those within `most` of each other once; none where
     the draws of one are farther from it than that, or there is one place only."""
     found: list[float] = []
     weights = np.exp(posterior.log_weights)
     for number, mode in enumerate(posterior.modes):
-        if mode.weight <= DOUBT:
+        if not mode.counts:
             continue
         place, own = float(mode.joints[coordinate]), posterior.mode == number
-        gaps = _gaps(posterior.drawn_joints[own, coordinate] - place, wraps)
+        gaps = short_way_round(posterior.drawn_joints[own, coordinate] - place, wraps)
         if not own.any() or weights[own] @ gaps**2 > most**2 * weights[own].sum():
             return []
-        if not any(abs(_gaps(np.array(place - other), wraps)) < most for other in found):
+        if not any(abs(short_way_round(np.array(place - other), wraps)) < most for other in found):
             found.append(place)
     return sorted(found) if len(found) > 1 else []
-
-
-def _gaps(gaps: Array, wraps: bool) -> Array:
-    return gaps - 2 * np.pi * np.round(gaps / (2 * np.pi)) if wraps else gaps
 
 
 def _position(value: float, turns: bool) -> str:

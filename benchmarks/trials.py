@@ -19,10 +19,11 @@ from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run as engine
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
-from pmpnbp.inference.tree_estimate import agreeing
 from pmpnbp.potentials.surfaces import prepare_surfaces
 from pmpnbp.potentials.unary import visible_fractions
 from pmpnbp.readout.metrics import add, add_s, model_points
+from pmpnbp.readout.mixture import read_out
+from pmpnbp.readout.placement import standing
 from pmpnbp.scene.articulated_object import ArticulatedObject, Part
 from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
@@ -93,7 +94,8 @@ class Case:
 class Trial:
     """One run.
 
-    errors : (N,) metres, of the estimate that a user is given; part_poses : (N, 7); joint_positions : (D,)
+    errors : (N,) metres, of the estimate that a user is given, the middle of the posterior where there is one;
+        part_poses : (N, 7); joint_positions : (D,)
     elapsed : (I + 1,) seconds from the start of its preparation (splat models, MRF) to the end of each iteration, the
         start being iteration 0; worst : (I + 1,) metres, the largest error of a judged part after each
     at_rest : the iteration in which it converged, or None
@@ -202,9 +204,15 @@ def run_trial(
         number = made.report.iteration
         if number >= iterations or (made.at_rest is not None and number >= at_least):
             break
-    root, joints = agreeing(made.problem, made.report)
-    found = case.model.part_poses(root, joints)
-    return Trial(case.errors(found), found, joints, np.array(elapsed), np.array(worst), made.at_rest)
+    told = standing(made.problem, made.report, read_out(made.problem, made.report))
+    return Trial(
+        case.errors(told.part_poses),
+        told.part_poses,
+        told.joint_positions,
+        np.array(elapsed),
+        np.array(worst),
+        made.at_rest,
+    )
 
 
 def timed(

@@ -24,8 +24,12 @@ from pmpnbp.scene.observation import View
 MISSED, FEWEST_PIXELS, IN_SIGHT = 0.25, 20, 0.3
 # A part is denied where a larger share of its pixels that are in sight, of as many at least, is seen through: of all of
 # them, or in clumps of so many within its outline, as where a handle is not, or the side of a drawer. Along outlines a
-# pixel here and there always is. The root, which all others hang on, is so for more of the latter.
+# pixel here and there always is: one there counts for a part of one, as of a frame or a narrow strip most are there. The
+# root, which all others hang on, is so for more of the latter.
 DENIED, DENIED_WITHIN, ROOT_DENIED, CLUMP = 0.15, 0.015, 0.08, 4
+ALONG_OUTLINE = 0.33
+# Pixels that touch one another, at corners too.
+TOUCHING = np.ones((3, 3))
 # Share of the object's pixels that may be outside the region of interest, which is to hold it.
 OUTSIDE_REGION = 0.3
 # What covers the object without hiding it: it can be seen there, or through it.
@@ -74,8 +78,8 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
     tolerance = problem.tolerance_end if tolerance is None else tolerance
     covered = hidden = confirmed = outside = 0
     expected = 0.0
-    # pixels of each part: covered, in sight, confirmed, seen through, and that within its outline
-    own = np.zeros((5, problem.mrf.nodes))
+    # pixels of each part: covered, in sight, confirmed, seen through, that within the outline, and that in clumps
+    own = np.zeros((6, problem.mrf.nodes))
     pixels = []
     for view, _, depth, number in renders(problem.observation, problem.surfaces, part_poses, problem.nuisances):
         kinds = pixel_kinds(view.depth, view.category, depth, tolerance)
@@ -88,8 +92,9 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
         counted = np.where(near, view.depth, depth)[in_sight]
         expected += float(((counted / problem.unit_distance) ** 2).sum())
         through = kinds == PixelKind.SEEN_THROUGH
-        within = _clumps(through & (view.depth > depth), depth > 0)
-        for row, chosen in enumerate((depth > 0, in_sight, near, through, within)):
+        inside: NDArray[np.bool_] = ndimage.binary_erosion(depth > 0, TOUCHING)
+        within = inside & _clumps(through & (view.depth > depth))
+        for row, chosen in enumerate((depth > 0, in_sight, near, through, through & inside, within)):
             own[row] += np.bincount(number[chosen], minlength=problem.mrf.nodes)
         pixels.append((view, depth > 0, near))
     # a share of what should be seen: each pixel that is not confirmed counts once
@@ -98,8 +103,9 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
     seen = (own[1] >= FEWEST_PIXELS) & (own[1] >= IN_SIGHT * own[0])
     most_within = np.full(problem.mrf.nodes, DENIED_WITHIN)
     most_within[0] = ROOT_DENIED
-    clumps = (own[4] >= CLUMP) & (own[4] > most_within * own[1])
-    denied = np.flatnonzero((own[1] >= FEWEST_PIXELS) & (clumps | (own[3] > DENIED * own[1])))
+    clumps = (own[5] >= CLUMP) & (own[5] > most_within * own[1])
+    through = own[4] + ALONG_OUTLINE * (own[3] - own[4])
+    denied = np.flatnonzero((own[1] >= FEWEST_PIXELS) & (clumps | (through > DENIED * own[1])))
     names = [part.name for part in problem.mrf.model.parts]
     return Confirmation(
         score=float(score),
@@ -116,13 +122,11 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
     )
 
 
-def _clumps(through: NDArray[np.bool_], covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Those pixels of an object's image, seen `through` (h, w), that are in clumps of CLUMP at least, and not at the
-    outline of what is `covered`, which may be a pixel off."""
-    touching = np.ones((3, 3))
-    clumps = ndimage.label(through, touching)[0]
-    inside: NDArray[np.bool_] = ndimage.binary_erosion(covered, touching)
-    return through & inside & (np.bincount(clumps.ravel())[clumps] >= CLUMP)
+def _clumps(through: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Those pixels that are seen `through` (h, w), that are in clumps of CLUMP at least."""
+    clumps = ndimage.label(through, TOUCHING)[0]
+    found: NDArray[np.bool_] = through & (np.bincount(clumps.ravel())[clumps] >= CLUMP)
+    return found
 
 
 def by_last_views(problem: Problem, first: int) -> Problem:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference.confirmation import confirmation
@@ -65,3 +67,44 @@ def test_each_pixel_confirms_denies_or_says_nothing(scene: Problem, tolerance: f
 def test_a_picture_as_it_should_be_confirms_all(scene: Problem) -> None:
     rendered, _ = render(scene.observation.views[0].camera, scene.surfaces, MODEL.part_poses(ROOT, JOINTS))
     assert confirmation(seen_in(scene, rendered), ROOT, JOINTS).explained == pytest.approx(1.0, abs=1e-3)
+
+
+def looked_through(width: float, chosen: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> tuple[str, ...]:
+    """What is denied of a bar `width` metres across, where it is seen through at some of its pixels, chosen from where
+    it is rendered and which of it is within its outline, all (h, w) bool."""
+    model, root = worlds.articulated([], {"link0": worlds.block([0.4, width, width])}), worlds.at(0.0, 0.0, 0.2)
+    observation = worlds.seen(model, root, np.zeros(0), worlds.camera_at((0.0, 0.7, 0.7), root[:3]))
+    prior = worlds.rough_prior(np.random.default_rng(0), root)
+    bar = problems.build(model, observation, prior, worlds.settings(), particles=20)
+    rendered, number = render(bar.observation.views[0].camera, bar.surfaces, model.part_poses(root, np.zeros(0)))
+    own = number >= 0
+    assert confirmation(seen_in(bar, rendered), root, np.zeros(0)).denied == ()
+    behind = np.float32(0.5) * chosen(own, ndimage.binary_erosion(own, np.ones((3, 3)))).astype(np.float32)
+    return confirmation(seen_in(bar, rendered + behind), root, np.zeros(0)).denied
+
+
+def test_a_part_is_not_denied_by_its_outline_alone() -> None:
+    """A model that is a pixel off is seen past along its outline, of which a frame or a strip has much."""
+
+    def along(own: np.ndarray, within: np.ndarray) -> np.ndarray:
+        assert 0.2 < np.mean(~within[own]) < 0.4
+        return own & ~within
+
+    def scattered(own: np.ndarray, within: np.ndarray) -> np.ndarray:
+        """As many within, so that no clump denies it."""
+        inner = np.argwhere(within)
+        rows = np.arange(np.count_nonzero(own & ~within)) * len(inner) // np.count_nonzero(own & ~within)
+        found = np.zeros(own.shape, dtype=bool)
+        found[tuple(inner[rows].T)] = True
+        return found
+
+    assert looked_through(0.04, along) == ()
+    assert looked_through(0.04, scattered) == ("link0",)
+
+
+def test_a_bar_that_is_all_outline_is_denied_where_it_is_seen_through() -> None:
+    def everywhere(own: np.ndarray, within: np.ndarray) -> np.ndarray:
+        assert np.count_nonzero(own) >= 40 and not within.any()
+        return own
+
+    assert looked_through(0.01, everywhere) == ("link0",)

@@ -1,7 +1,7 @@
 """The command `pmpnbp`: what can be asked for on the command line, and how it ends.
 
-Exit status 0; 2 for bad input, with one sentence on standard error; 130 when interrupted. Whatever takes long to import
-is imported by the command that needs it, so that `--help` answers at once.
+Exit status 0; 2 for bad input, with one sentence on standard error; 1 where standard output cannot be written; 130 when
+interrupted. Whatever takes long to import is imported by the command that needs it, so that `--help` answers at once.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import argparse
 import atexit
 import importlib
 import os
+import signal
 import sys
 import threading
 from collections.abc import Sequence
@@ -19,13 +20,15 @@ from typing import NoReturn
 
 from app import compiled_kernels
 from app.help_examples import example
+from app.interrupts import keep_interrupts
 from app.option_values import OPTIONS, assignment, option, server_value, whole, within
 from app.server_config import ServerConfig, environment_name
+from app.standard_streams import StandardOutputError, drop_output, hold
 from pmpnbp.errors import PmpnbpError
 from pmpnbp.importing import many_modules
 from pmpnbp.settings import SENSORS, SessionOptions
 
-OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
+OK, NOT_WRITTEN, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 EXPERIMENTS = ("convergence", "occlusion", "robot", "planning", "push")
 SHELLS = ("bash", "zsh", "fish")
 
@@ -48,6 +51,18 @@ class _Help(argparse.HelpFormatter):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line `argv` (without the program's name) and return its exit status."""
     try:
+        status = _status(argv)
+        sys.stdout.flush()
+        return status
+    except StandardOutputError as error:
+        sys.stderr.write(f"pmpnbp: {error}\n")
+        return NOT_WRITTEN
+    except BrokenPipeError:  # the reader of standard output has gone, as `head` does
+        return OK
+
+
+def _status(argv: Sequence[str] | None) -> int:
+    try:
         arguments = _parse(sys.argv[1:] if argv is None else argv)
     except SystemExit as done:  # --help, --version, and errors: a caller in the same process wants the status
         return done.code if isinstance(done.code, int) else BAD_INPUT
@@ -60,12 +75,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except PmpnbpError as error:
         sys.stderr.write(f"pmpnbp {arguments.command}: {error}\n")
         return BAD_INPUT
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        # one that comes while a compiled function looks at its arguments is told by a SystemError
+        if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
         sys.stderr.write(f"pmpnbp {arguments.command}: interrupted\n")
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of standard output has gone, as `head` does
-        sys.stderr.close()
-        return OK
 
 
 def _parse(argv: Sequence[str]) -> argparse.Namespace:
@@ -292,7 +307,14 @@ def program() -> NoReturn:
     """The command line as a process of its own, which ends with the status that `main` returns."""
     status: list[int] = []
     atexit.register(_leave, status)  # what is registered first is called last
-    status.append(main())
+    hold()
+    keep_interrupts()
+    try:
+        status.append(main())
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done, and said
+    except KeyboardInterrupt:  # once more, while it was ending
+        status.append(INTERRUPTED)
+    drop_output()
     sys.exit(status[0])
 
 

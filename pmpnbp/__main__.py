@@ -10,4 +10,7 @@ if __name__ == "__main__":
     if not sys.flags.safe_path:  # the working folder would come first, and may hold an app.py of its own
         sys.path[0] = str(Path(__file__).resolve().parent.parent)
     command, *_ = entry_points(group="console_scripts", name="pmpnbp")
-    sys.exit(command.load()())
+    try:
+        command.load()()  # which ends the process itself
+    except KeyboardInterrupt:  # before it has begun
+        sys.exit(130)

@@ -177,7 +177,9 @@ def hidden(scan: ExpectedScan, probed: Probed) -> Array:
     for middles, maps in zip(every, _seen(scan, here, np.zeros(len(problem.nuisance_std))), strict=True):
         depth, number = render(scan.camera, problem.surfaces, maps)
         shown = (depth > 0) & (depth <= scan.hidden.reshape(depth.shape))
-        seen = told_of_parts(scan.camera, depth, number, shown, middles, problem.tolerance_end, noise, finer, binned)
+        seen = told_of_parts(
+            scan.camera, depth, number, shown, middles, problem.tolerance_end, noise, finer, binned, distortion
+        )
         told.append(distorted(seen, scan.camera, distortion, middles, radii))
     unknown = distorted_as_one(scan.camera, distortion, every, radii, 0, probed.steps.shape[1])
     return hidden_by_grain(problem.mrf, probed.parts, probed.steps, [(np.array(told), unknown)], shape(problem))

@@ -37,6 +37,9 @@ LEAST, WHOLE, SHAPE = 0.0001, 0.0003, 0.04
 # A part is off on its own, and the object as one, by so many times the smooth error of depth that the scan's flat
 # surfaces show (`scene/depth_distortion.py`): that of it which is flat itself they do not.
 DISTORTED, AS_ONE = 1.25, 0.5
+# What moves and tilts a part is not all of it: depths of one surface have it in common over so many radians of the
+# picture, so that no more of them count than there are patches as wide.
+ALIKE = 0.04
 # Beside an outline is what lies behind it by more than so many tolerances: up to that, what is seen there may confirm
 # either. A surface that falls away so steeply counts, too: without it coverage is the same, and next views are chosen
 # less well.
@@ -70,7 +73,16 @@ def grain(problem: Problem, place: Held) -> Array:
         # what may be floor, or another thing, hardly counts where it is explained, and holds nothing in its place
         telling = shown(problem, view, depth) & (view.category != SUPPORT) & (view.category != OUTSIDE)
         in_view = told_of_parts(
-            view.camera, depth, number, telling, middles, problem.tolerance_end, float(noise[camera]), 1.0, view.binned
+            view.camera,
+            depth,
+            number,
+            telling,
+            middles,
+            problem.tolerance_end,
+            float(noise[camera]),
+            1.0,
+            view.binned,
+            view.distortion,
         )
         in_view = distorted(in_view, view.camera, view.distortion, middles, mrf.radii)
         unknown = distorted_as_one(view.camera, view.distortion, middles[None], mrf.radii, place.part, size)
@@ -133,6 +145,7 @@ def told_of_parts(
     noise: float,
     finer: float = 1.0,
     binned: int = 1,
+    distortion: float = 0.0,
 ) -> Array:
     """(N, 6, 6) Fisher information of parts' translations, metres, and rotation vectors about their `middles` (N, 3) in
     world: what those pixels of a render tell that are `shown` (h, w).
@@ -141,6 +154,7 @@ def told_of_parts(
     its own
     finer : the pixels of the image that is scored are so many times narrower than the camera's
     binned : so many pixels of the scan, across and down, are one of the image that is scored
+    distortion : the deviation of smooth errors, as a share of the depth
     """
     pixel = 1 / (camera.fx * finer * np.sqrt(binned))
     (row, column), across = outlines(depth, shown, tolerance)
@@ -151,7 +165,7 @@ def told_of_parts(
     found = _gathered(camera, depth, number, (row, column), np.sqrt(finer) * aside / off, middles)
     (row, column), normals = facing(camera, depth, number, shown)
     z = depth[row, column, None].astype(np.float64)
-    off = np.hypot(FACE * z * pixel, noise)
+    off = np.hypot(z * np.hypot(FACE * pixel, distortion * ALIKE * camera.fx * finer), noise)
     return found + _gathered(camera, depth, number, (row, column), finer * z * normals / off, middles)
 
 

@@ -18,6 +18,7 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.unary import render
 from pmpnbp.readout import image_grain
 from pmpnbp.readout.image_grain import (
+    ALIKE,
     AS_ONE,
     DISTORTED,
     EDGE,
@@ -378,6 +379,20 @@ def test_what_is_told_of_a_part_and_its_own_smooth_error_add_up(rng: np.random.G
         expected[:3, :3], expected[3:, 3:] = off**2 * along, (off / 0.3) ** 2 * (np.eye(3) - along)
         np.testing.assert_allclose(left[part], expected, atol=1e-3 * off**2)
     assert distorted(told, camera, 0.0, middles, radii) is told
+
+
+@pytest.mark.parametrize("finer", [1.0, 2.0])
+def test_smooth_errors_leave_a_face_as_many_depths_as_it_has_patches(finer: float) -> None:
+    """A plate that fills the picture, 2 m away, whose depths err alike over patches of ALIKE radians: how far away it is
+    is told as by one depth of each, however many pixels a patch has."""
+    width, height = round(160 / finer), round(120 / finer)
+    camera = Camera(width, height, 200 / finer, 200 / finer, width / 2 - 0.5, height / 2 - 0.5)
+    depth, number = np.full((height, width), 2.0, dtype=np.float32), np.zeros((height, width), dtype=np.int16)
+    shown, distortion = np.ones(depth.shape, dtype=bool), 0.05
+    (told,) = told_of_parts(camera, depth, number, shown, np.array([[0.0, 0.0, 2.0]]), 0.01, 0.0, finer, 1, distortion)
+    patches = (160 / 200) * (120 / 200) / ALIKE**2
+    # what a pixel holds of its neighbours comes on top
+    assert told[2, 2] == pytest.approx(patches / (distortion * 2.0) ** 2, rel=2e-3)
 
 
 def test_smooth_errors_move_and_tilt_the_object_as_one(rng: np.random.Generator) -> None:

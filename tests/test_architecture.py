@@ -24,6 +24,7 @@ FLOORS = (
     "pmpnbp.version",
     "pmpnbp.json_text",
     "pmpnbp.names",
+    "pmpnbp.files",
     "pmpnbp.importing",
     "pmpnbp.runs",
     "pmpnbp.settings",

@@ -8,12 +8,14 @@ from __future__ import annotations
 import csv
 import io
 import re
+import stat
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from pmpnbp.batch.row import MEMBERS, Entry, Row, row_of
 from pmpnbp.errors import ManifestError
+from pmpnbp.files import quoted, read_file, status
 from pmpnbp.json_text import read_json
 
 # More than a million rows take.
@@ -32,7 +34,9 @@ def read_manifest(path: Path, otherwise: Mapping[str, Any] | None = None) -> lis
     otherwise : by member, what holds for rows that do not say it, as JSON lines have it; files in it by absolute paths
     Raises ManifestError, of the first rows that cannot be used a sentence a line.
     """
-    if path.is_dir():
+    found = status(path, f"manifest {quoted(path)}", ManifestError)
+    folder = found is not None and stat.S_ISDIR(found.st_mode)
+    if folder:
         from pmpnbp.batch.scene_folders import scenes  # imported here: it brings what reads scans
 
         entries = scenes(path)
@@ -50,7 +54,7 @@ def read_manifest(path: Path, otherwise: Mapping[str, Any] | None = None) -> lis
         more = [f"and {len(faults) - TOLD} more rows cannot be used"] if len(faults) > TOLD else []
         raise ManifestError("\n".join([*faults[:TOLD], *more]))
     if not rows:
-        expected = "a folder with a scan for each" if path.is_dir() else "a row for each"
+        expected = "a folder with a scan for each" if folder else "a row for each"
         raise ManifestError(f"'{path.name}' names no estimates; expected {expected}")
     return rows
 
@@ -67,15 +71,11 @@ def _entries(path: Path) -> Iterator[Entry]:
 
 
 def _text(path: Path) -> str:
-    name = f"manifest '{path.name}'"
+    name = f"manifest {quoted(path)}"
+    if status(path, name, ManifestError) is None:
+        raise ManifestError(f"{name} is not there; expected a CSV or JSON lines file, or a folder")
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise ManifestError(f"{name} is larger than {LARGEST_FILE >> 20} MiB")
-        return path.read_bytes().decode("utf-8-sig")
-    except FileNotFoundError:
-        raise ManifestError(f"{name} is not there; expected a CSV or JSON lines file, or a folder") from None
-    except OSError as error:
-        raise ManifestError(f"{name} cannot be read: {error.strerror}") from None
+        return read_file(path, name, LARGEST_FILE, ManifestError, streams=True).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ManifestError(f"{name} is not UTF-8 text; expected CSV or JSON lines") from None
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pmpnbp.errors import PmpnbpError
+from pmpnbp.files import quoted, read_file
 from pmpnbp.json_text import read_json
 
 # A camera or a prior takes less than a thousandth of it.
@@ -19,13 +20,10 @@ def read_object(path: Path, kind: str, failure: type[PmpnbpError]) -> Mapping[st
 
     Raises `failure` where the file cannot be read, is too large, or holds no JSON object.
     """
-    name = f"{kind} '{path.name}'"
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise failure(f"{name} is larger than {LARGEST_FILE} bytes, which no {kind} is")
-        content = path.read_bytes()
-    except OSError as error:
-        raise failure(f"{name} cannot be read: {error.strerror or error}") from error
+    name = f"{kind} {quoted(path)}"
+    content = read_file(
+        path, name, LARGEST_FILE, failure, beyond=f"{LARGEST_FILE} bytes, which no {kind} is", streams=True
+    )
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

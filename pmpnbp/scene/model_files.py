@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from pmpnbp.errors import ModelError
+from pmpnbp.files import MEBIBYTE, quoted, read_file, status
 
-MEBIBYTE = 1 << 20
 # Steps of a path in a zip.
 LONGEST_PATH = 64
 
@@ -45,7 +45,7 @@ class ModelFiles:
 
     def read_urdf(self, limits: ModelLimits) -> bytes:
         """The URDF's bytes. Raises ModelError where it is too large or cannot be read."""
-        return _read(self.urdf, limits.urdf_bytes, f"the URDF '{self.urdf.name}'")
+        return read_file(self.urdf, f"the URDF '{self.urdf.name}'", limits.urdf_bytes, ModelError)
 
     def read_mesh(self, filename: str, link: str, limits: ModelLimits) -> bytes:
         """The bytes of the mesh a URDF calls `filename` (relative, `file://` or `package://`), used by `link`.
@@ -53,7 +53,7 @@ class ModelFiles:
         Raises ModelError where it is missing, too large, or outside the model's folder.
         """
         path = self._find(filename, link)
-        return _read(path, limits.mesh_bytes, f"mesh '{filename}' of link '{link}'")
+        return read_file(path, f"mesh '{filename}' of link '{link}'", limits.mesh_bytes, ModelError)
 
     def _find(self, filename: str, link: str) -> Path:
         root = self.root.resolve()
@@ -111,16 +111,18 @@ def open_model(path: Path, limits: ModelLimits) -> Iterator[ModelFiles]:
 
     A zip is unpacked to a temporary folder that is gone when the context ends. Raises ModelError.
     """
-    if not path.is_file():
-        came = "is a folder" if path.is_dir() else "is not there"
-        raise ModelError(f"model '{path.name}' {came}, expected a URDF file or a zip holding one")
+    name = f"model {quoted(path)}"
+    found = status(path, name, ModelError)
+    if found is None or not stat.S_ISREG(found.st_mode):
+        other = "is a folder" if found and stat.S_ISDIR(found.st_mode) else "is a pipe or a device"
+        raise ModelError(f"{name} {other if found else 'is not there'}, expected a URDF file or a zip holding one")
     if path.suffix.lower() == ".xacro":
         raise ModelError(f"model '{path.name}' is a xacro template, expected a URDF: expand it with xacro first")
     try:
         with path.open("rb") as file:
             is_zip = file.read(4) in (b"PK\x03\x04", b"PK\x05\x06")
     except OSError as error:
-        raise ModelError(f"model '{path.name}' cannot be read: {error.strerror}") from None
+        raise ModelError(f"{name} cannot be read: {error.strerror}") from None
     if not is_zip:
         if path.suffix.lower() == ".zip":
             raise ModelError(f"model '{path.name}' is not a zip file")
@@ -202,14 +204,3 @@ def _find_urdf(path: Path, root: Path) -> Path:
 
 def _some(names: list[str]) -> str:
     return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "") if names else "nothing"
-
-
-def _read(path: Path, limit: int, what: str) -> bytes:
-    try:
-        with path.open("rb") as file:
-            data = file.read(limit + 1)
-    except OSError as error:
-        raise ModelError(f"{what} cannot be read: {error.strerror}") from None
-    if len(data) > limit:
-        raise ModelError(f"{what} is larger than {limit / MEBIBYTE:g} MiB")
-    return data

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pmpnbp.errors import ScanError
+from pmpnbp.files import quoted, read_file
 from pmpnbp.scene.array_files import of_array, read_npy, read_npz
 from pmpnbp.scene.camera_file import CameraFile, load_camera
 from pmpnbp.scene.cloud_cameras import check_camera, fit_camera, look_at_loose_cloud
@@ -49,7 +50,7 @@ def load_scan(path: Path, camera: Path | Mapping[str, object] | None = None) -> 
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise ScanError(f"scan '{path.name}' has the suffix '{suffix}'; expected one of {', '.join(SUFFIXES)}")
-    content = _content(path)
+    content = read_file(path, f"scan {quoted(path)}", LARGEST_FILE, ScanError)
     given = None if camera is None else load_camera(camera)
     if suffix == ".png":
         return _depth_scan(read_png(content, path.name), given, path.name)
@@ -84,15 +85,6 @@ def read_png(content: bytes, name: str) -> NDArray[np.float32]:
     except Exception as error:  # Pillow promises no closed list of what a damaged file raises
         raise ScanError(f"scan '{name}' is not a PNG that can be read, or is cut short") from error
     return millimetres.astype(np.float32) * np.float32(0.001)
-
-
-def _content(path: Path) -> bytes:
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise ScanError(f"scan '{path.name}' is larger than {LARGEST_FILE >> 20} MiB")
-        return path.read_bytes()
-    except OSError as error:
-        raise ScanError(f"scan '{path.name}' cannot be read: {error.strerror or error}") from error
 
 
 def _depth_scan(depth: NDArray[np.float32], given: CameraFile | None, name: str) -> Scan:

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from pmpnbp.errors import ModelError
-from pmpnbp.scene.model_files import MEBIBYTE, ModelLimits, open_model
+from pmpnbp.files import MEBIBYTE
+from pmpnbp.scene.model_files import ModelLimits, open_model
 
 LIMITS = ModelLimits()
 

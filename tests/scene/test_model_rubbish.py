@@ -12,8 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pmpnbp.errors import ModelError
+from pmpnbp.files import MEBIBYTE
 from pmpnbp.scene.meshes import load_mesh
-from pmpnbp.scene.model_files import MEBIBYTE, ModelLimits
+from pmpnbp.scene.model_files import ModelLimits
 from pmpnbp.scene.urdf import load_model
 from pmpnbp.scene.urdf_check import check_urdf
 

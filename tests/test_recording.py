@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -286,6 +287,33 @@ def test_only_a_recording_is_written_over(tmp_path: Path, uniform: tuple[Inputs,
         assert recording.iterations() == [0, 1]
     with pytest.raises(RecordingError, match=r"recording 'run.sqlite' cannot be written"):
         RecordingWriter(tmp_path / "nowhere" / "run.sqlite", inputs, problem.mrf.model)
+
+
+def test_a_recording_that_is_being_written_is_not_written_over(
+    tmp_path: Path, uniform: tuple[Inputs, Any, Iterations]
+) -> None:
+    inputs, problem, made = uniform
+    path = tmp_path / "run.sqlite"
+    with RecordingWriter(path, inputs, problem.mrf.model) as writer:
+        for count, iteration in enumerate(made):
+            with pytest.raises(RecordingError, match=r"recording 'run.sqlite' is still being written"):
+                RecordingWriter(path, inputs, problem.mrf.model)
+            writer.write(*iteration)
+            writer.flush()
+            with Recording(path) as recording:
+                assert recording.iterations() == list(range(count + 1))
+    recorded(path, inputs, problem, made[:1])
+
+
+def test_what_a_killed_writer_left_is_written_over(tmp_path: Path, uniform: tuple[Inputs, Any, Iterations]) -> None:
+    inputs, problem, made = uniform
+    with RecordingWriter(tmp_path / "live.sqlite", inputs, problem.mrf.model) as writer:
+        writer.write(*made[0])
+        writer.flush()
+        for end in ("", "-wal"):
+            shutil.copy(tmp_path / f"live.sqlite{end}", tmp_path / f"killed.sqlite{end}")
+    with Recording(recorded(tmp_path / "killed.sqlite", inputs, problem, made[:2])) as recording:
+        assert recording.iterations() == [0, 1]
 
 
 def test_a_failure_while_writing_reaches_the_inference(tmp_path: Path, uniform: tuple[Inputs, Any, Iterations]) -> None:

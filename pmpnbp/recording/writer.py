@@ -11,6 +11,7 @@ import json
 import math
 import queue
 import sqlite3
+import stat
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from functools import partial
 from pathlib import Path
 
 from pmpnbp.errors import RecordingError, StorageError, why_not_written
+from pmpnbp.files import quoted, status
 from pmpnbp.inference.belief import IterationReport, State
 from pmpnbp.readout.posterior import Posterior
 from pmpnbp.recording import inputs as inputs_module
@@ -237,16 +239,42 @@ def fold_log(path: Path) -> bool:
 
 
 def make_way(path: Path) -> None:
-    """Remove an old recording at `path`. Raises RecordingError for any other file, so that none is lost by a slip."""
+    """Remove an old recording at `path`, or where a link leads that is there. Raises RecordingError for anything else,
+    so that nothing is lost by a slip, and for a recording that is still being written."""
+    name = quoted(path)
+    found = status(path, f"recording {name}", RecordingError, done="written")
+    if found is not None and not stat.S_ISREG(found.st_mode):
+        raise RecordingError(f"{name} is there and is no file; expected a new name, or an old recording")
+    place = path.resolve()
     try:
-        if path.exists() and path.stat().st_size:
-            with path.open("rb") as file:
-                header = file.read(100)
-            if header[:15] != b"SQLite format 3" or header[68:72] != APPLICATION_ID.to_bytes(4, "big"):
-                raise RecordingError(
-                    f"'{path.name}' is there and is no recording; expected a new name, or an old recording"
-                )
-        for old in (path, path.with_name(path.name + "-wal"), path.with_name(path.name + "-shm")):
+        if found is not None and found.st_size:
+            if not _is_recording(place):
+                raise RecordingError(f"{name} is there and is no recording; expected a new name, or an old recording")
+            if _is_open(place):
+                raise RecordingError(f"recording {name} is still being written or looked at; expected another name")
+        for old in (place, place.with_name(place.name + "-wal"), place.with_name(place.name + "-shm")):
             old.unlink(missing_ok=True)
     except OSError as error:
-        raise RecordingError(f"recording '{path.name}' cannot be written: {error.strerror}") from None
+        raise RecordingError(f"recording {name} cannot be written: {error.strerror}") from None
+
+
+def _is_recording(path: Path) -> bool:
+    with path.open("rb") as file:
+        header = file.read(100)
+    if header[:15] != b"SQLite format 3":
+        return False
+    if header[68:72] == APPLICATION_ID.to_bytes(4, "big"):
+        return True
+    try:  # as long as it is new, only its log tells
+        with contextlib.closing(sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)) as connection:
+            return bool(connection.execute("PRAGMA application_id").fetchone()[0] == APPLICATION_ID)
+    except sqlite3.Error:
+        return False
+
+
+def _is_open(path: Path) -> bool:
+    """Whether another writer or reader has a recording open that has a log."""
+    try:
+        return not fold_log(path)
+    except RecordingError:  # it is damaged, and may go
+        return False

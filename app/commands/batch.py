@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from stat import S_ISREG
 from typing import TYPE_CHECKING, Any
 
 from app.commands.estimate import INTERRUPTED, OK, InputError, settings_of
 from app.commands.progress import announce, rows_bar
 from pmpnbp.batch.manifest import read_manifest
 from pmpnbp.batch.row import OPTIONS
+from pmpnbp.files import quoted, status
 from pmpnbp.importing import many_modules
 from pmpnbp.settings import changed, preset
 
@@ -93,8 +95,11 @@ def _for_all(arguments: argparse.Namespace) -> dict[str, Any]:
     for member, what in (("model", "model"), ("camera", "camera file"), ("prior", "prior file")):
         path = getattr(arguments, member)
         if path is not None:
-            if not path.is_file():
-                raise InputError(f"{what} '{path.name}' is not there")
+            found = status(path, f"{what} {quoted(path)}", InputError)
+            if found is None:
+                raise InputError(f"{what} {quoted(path)} is not there")
+            if not S_ISREG(found.st_mode):
+                raise InputError(f"{what} {quoted(path)} is a folder, a pipe or a device; expected a file")
             given[member] = str(path.resolve())
     if arguments.config:
         given["config"] = settings_of(arguments.config)

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from itertools import combinations
+from os.path import samestat
 from pathlib import Path
+from stat import S_ISDIR, S_ISREG
 from typing import TYPE_CHECKING, Any
 
 from app.commands.progress import Progress, announce, reading_out
+from app.standard_streams import check_output, leads_to_output
 from pmpnbp.errors import PmpnbpError, RecordingError, ScanError, SettingError
+from pmpnbp.files import quoted, status, written_whole
 from pmpnbp.importing import many_modules
 from pmpnbp.json_text import json_to_read
 from pmpnbp.settings import changed, preset
@@ -112,46 +115,66 @@ def _cameras(cameras: Sequence[Path], scans: Sequence[Path]) -> Sequence[Path] |
 
 
 def _check_inputs(arguments: argparse.Namespace) -> None:
-    """Raise for the first file that is missing, in the order in which the command line names them."""
+    """Raise for the first file that is missing, in the order in which the command line names them, or that an output
+    would replace."""
     named = [("model", arguments.model)]
     named += [("scan", path) for path in arguments.scans] + [("camera file", path) for path in arguments.camera]
     named += [("prior file", arguments.prior), ("truth file", arguments.truth)]
+    outputs = [(option, path.stat()) for option, path in _outputs(arguments) if path.exists()]
     for what, path in named:
-        if path is not None and not path.exists():
-            raise InputError(f"{what} '{path.name}' is not there")
+        if path is None:
+            continue
+        found = status(path, f"{what} {quoted(path)}", InputError)
+        if found is None:
+            raise InputError(f"{what} {quoted(path)} is not there")
+        for option, output in outputs:
+            if S_ISREG(found.st_mode) and samestat(found, output):
+                raise OutputError(f"{option} would replace the {what} {quoted(path)}; expected another file")
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:
     """Raise where an output could not be written: better now than after the run."""
-    named = [("--out", arguments.out), ("--recording", arguments.recording), ("--draws", arguments.draws)]
-    asked = [(option, path) for option, path in named if path is not None]
-    for (one, path), (other, same) in combinations(asked, 2):
-        if path.absolute() == same.absolute():
-            raise OutputError(f"{one} and {other} are both '{path.name}'; expected two files")
+    asked = _outputs(arguments)
     for option, path in asked:
         _check_output(path, option, RecordingError if option == "--recording" else OutputError)
+    for (one, path), (other, same) in combinations(asked, 2):
+        if path.resolve() == same.resolve():
+            raise OutputError(f"{one} and {other} are both {quoted(path)}; expected two files")
+    if arguments.out is None:
+        check_output()
     if arguments.draws is not None:
         from pmpnbp.readout.arviz_export import load_arviz
 
         load_arviz()
 
 
+def _outputs(arguments: argparse.Namespace) -> list[tuple[str, Path]]:
+    """Options that name a file to be written, each with its file."""
+    named = [("--out", arguments.out), ("--recording", arguments.recording), ("--draws", arguments.draws)]
+    return [(option, path) for option, path in named if path is not None]
+
+
 def _check_output(path: Path, option: str, kind: type[PmpnbpError]) -> None:
-    if path.is_dir():
-        raise kind(f"{option} '{path}' is a folder; expected the name of a file")
-    if not path.parent.is_dir():
-        raise kind(f"{option} '{path}' cannot be written: the folder '{path.parent}' is not there")
+    name = f"{option} '{path}'"
+    found = status(path, name, kind, done="written")
+    if found is not None and S_ISDIR(found.st_mode):
+        raise kind(f"{name} is a folder; expected the name of a file")
+    if found is not None and not S_ISREG(found.st_mode):
+        return  # a pipe or a device, beside which nothing is written
+    folder = path.resolve().parent
+    if not folder.is_dir():
+        raise kind(f"{name} cannot be written: the folder '{folder}' is not there")
     try:
-        with tempfile.TemporaryFile(dir=path.parent):
+        with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise kind(f"{option} '{path}' cannot be written: {error.strerror}") from None
+        raise kind(f"{name} cannot be written: {error.strerror}") from None
 
 
 def _write(result: dict[str, Any], out: Path | None) -> None:
-    """The result as one file that appears whole, or on standard output."""
+    """The result as one file that appears whole, or on standard output, which /dev/stdout is another name of."""
     text = json_to_read(result)
-    if out is None:
+    if out is None or leads_to_output(out):
         sys.stdout.write(text)
         sys.stdout.flush()
         return
@@ -170,10 +193,8 @@ def _write_draws(found: Estimate, interrupted: str | None, path: Path) -> None:
 
 def _write_whole(path: Path, option: str, write: Callable[[Path], object]) -> None:
     """A file that appears whole, or not at all."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        write(partial)
-        partial.replace(path)
+        with written_whole(path) as partial:
+            write(partial)
     except OSError as error:
-        partial.unlink(missing_ok=True)
         raise OutputError(f"{option} '{path}' cannot be written: {error.strerror}") from None

@@ -14,6 +14,7 @@ import webbrowser
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from stat import S_ISREG
 from urllib.parse import quote
 
 from fastapi import FastAPI
@@ -24,6 +25,7 @@ from app.server_config import ServerConfig
 from app.store.store import Store
 from app.uploads.parsers import Parsers
 from pmpnbp.errors import RecordingError
+from pmpnbp.files import status
 
 # A recording of one's own may take longer to read than a stranger's upload: hours of iterations.
 READING_SECONDS = 600.0
@@ -32,9 +34,14 @@ READING_SECONDS = 600.0
 def run(arguments: argparse.Namespace) -> int:
     """Serve the recording until SIGTERM or SIGINT; return the exit status. Raises PmpnbpError for a bad file."""
     recording: Path = arguments.recording
-    if not recording.is_file():
-        what = "is no file" if recording.exists() else "is not there"
+    found = status(recording, f"recording '{recording}'", RecordingError)
+    if found is None or not S_ISREG(found.st_mode):
+        what = "is not there" if found is None else "is no file"
         raise RecordingError(f"recording '{recording}' {what}; expected what `pmpnbp estimate --recording` writes")
+    try:
+        recording.open("rb").close()
+    except OSError as error:
+        raise RecordingError(f"recording '{recording}' cannot be read: {error.strerror}") from None
     with tempfile.TemporaryDirectory(prefix="pmpnbp-view-") as folder:
         config = ServerConfig(port=arguments.port or 0, data_dir=Path(folder))
 

@@ -9,7 +9,6 @@ ended with an error.
 from __future__ import annotations
 
 import fcntl
-import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,6 +22,7 @@ from pmpnbp.batch.table import table
 from pmpnbp.batch.told import ERROR, WAITING, Told, told
 from pmpnbp.batch.work import Outcome, Work, killed, pack, perform
 from pmpnbp.errors import PmpnbpError, RunError
+from pmpnbp.files import written_whole
 from pmpnbp.json_text import json_to_read
 from pmpnbp.recording.inputs import model_zip
 from pmpnbp.runs.run_log import RunLog
@@ -170,9 +170,5 @@ def _asked(work: Work) -> dict[str, str]:
 
 def _replace(path: Path, content: bytes) -> None:
     """Have the file hold this: at any instant it is the old one or the new one."""
-    part = path.with_name(f".{path.name}.part")
-    with part.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    part.replace(path)
+    with written_whole(path) as part:
+        part.write_bytes(content)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import time
-import uuid
 import webbrowser
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,6 +22,7 @@ from pmpnbp.client.event_stream import Event
 from pmpnbp.client.particles import Belief, Message, PosteriorDraws
 from pmpnbp.client.uploads import Members, ScanSource, known_id, prior_members, upload_scan
 from pmpnbp.errors import EstimateError, PmpnbpError, ServerError, StorageError
+from pmpnbp.files import written_whole
 from pmpnbp.library.estimate import NOTHING_TO_DRAW_FROM, Estimate
 from pmpnbp.scene.region import Region
 
@@ -256,21 +255,18 @@ class RemoteSession:
         """The session as a file at `path`, which `pmpnbp view` and `pmpnbp.open_recording` open: all of it, or nothing
         where it does not come to its end. Raises StorageError where it cannot be written there."""
         place = Path(path)
-        partial = place.with_name(f".{place.name}.{uuid.uuid4().hex}.partial")
-
-        def write(response: httpx.Response) -> None:
-            with partial.open("wb") as file:
-                for chunk in response.iter_bytes():
-                    file.write(chunk)
-
         call = Call(method="GET", path=path_of("sessions", self.id, "recording"), read_seconds=COMPUTING_SECONDS)
         try:
-            self._calls.used(call, write)
-            os.replace(partial, place)
+            with written_whole(place) as partial:
+
+                def write(response: httpx.Response) -> None:
+                    with partial.open("wb") as file:
+                        for chunk in response.iter_bytes():
+                            file.write(chunk)
+
+                self._calls.used(call, write)
         except OSError as error:
             raise StorageError(f"recording '{place.name}' cannot be written: {error.strerror}") from None
-        finally:
-            partial.unlink(missing_ok=True)
         return place
 
     # How

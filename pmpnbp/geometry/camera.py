@@ -27,6 +27,12 @@ class Camera:
     cy: float
     pose_world_camera: Array = field(default_factory=lambda: IDENTITY)
 
+    @property
+    def widest_ray(self) -> float:
+        """How far to the side a pixel's ray is, along the picture's width or height, at depth 1."""
+        across = max(abs(self.cx), abs(self.width - 1 - self.cx)) / self.fx
+        return max(across, max(abs(self.cy), abs(self.height - 1 - self.cy)) / self.fy)
+
     def rays(self) -> NDArray[np.float32]:
         """(height, width, 3): the point of each pixel's ray at depth 1, in the camera frame."""
         u = (np.arange(self.width, dtype=np.float32) - np.float32(self.cx)) / np.float32(self.fx)

@@ -25,6 +25,7 @@ from pmpnbp.scene.extent import length_of, lengths_along_root
 from pmpnbp.scene.observation import Observation, Scan
 from pmpnbp.scene.observe import observe, without_longer_surfaces
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
+from pmpnbp.scene.reach import FARTHEST
 from pmpnbp.scene.sizes import resized
 from pmpnbp.settings import Schedule, SessionOptions, Settings, check_method, schedule
 
@@ -297,14 +298,14 @@ def build(
 
 
 def _moved_on(prior: GaussianPrior, model: ArticulatedObject, settings: Settings, moves: int) -> GaussianPrior:
-    """What a prior says after the scene has moved on so many times: variances add up."""
+    """What a prior says after the scene has moved on so many times: variances add up, to what a prior may have."""
     if moves == 0:
         return prior
     each = np.sqrt(moves)
     span = {joint.name: float(np.ptp([joint.lower, joint.upper])) for joint in model.joints}
     return replace(
         prior,
-        std_xyz=np.hypot(prior.std_xyz, each * settings.moved_std_xyz),
+        std_xyz=np.minimum(np.hypot(prior.std_xyz, each * settings.moved_std_xyz), FARTHEST),
         std_rpy=np.hypot(prior.std_rpy, each * settings.moved_std_rpy),
         joints={
             name: (position, float(np.hypot(std, each * settings.moved_joint_share * span[name])))

@@ -26,9 +26,13 @@ from pmpnbp.potentials.pixel_kinds import in_front
 from pmpnbp.potentials.surfaces import Surfaces
 from pmpnbp.scene.firm_pixels import STEP
 from pmpnbp.scene.observation import Observation, View
+from pmpnbp.scene.reach import FARTHEST
 
 Renderer = Literal["splats", "rasteriser"]
 ALL = slice(None)
+# Metres from the origin that a part may be moved to. An object, a prior and a camera that are as far away as they may
+# be, and a scan's farthest pixel, together stay within a sixth of it.
+BEYOND = 100 * FARTHEST
 
 
 @dataclass(frozen=True)
@@ -258,8 +262,8 @@ def _checked(pose: Array, shape: tuple[int, ...], numbers: tuple[int, ...] = (7,
     pose = np.require(pose, np.float64, ("C", "W"))
     if pose.shape not in [(*shape, count) for count in numbers]:
         raise ValueError(f"poses have shape {pose.shape}; {(*shape, *numbers[:1])} is expected")
-    if pose.size and not (pose.max() < 1e4 and pose.min() > -1e4):
-        raise ValueError("a pose is not finite, or further than 10 km from the origin of the world")
+    if pose.size and not (pose.max() < BEYOND and pose.min() > -BEYOND):
+        raise ValueError(f"a pose is not finite, or further than {BEYOND / 1000:g} km from the origin of the world")
     return pose
 
 

@@ -74,7 +74,8 @@ class Joint:
     kind : fixed, revolute, continuous, prismatic, planar or floating
     pose_parent_joint : (7,), its frame in the parent link's; axis : (3,), unit vector in that frame
     lower, upper : metres or radians; -pi and pi for continuous; for planar and floating of the slides; for a mimic
-        joint that part of its limits which the followed joint can take it to
+        joint that part of its limits which the followed joint can take it to; of a followed joint what the limits of
+        those that follow it leave
     coordinates : its entries of the object's joint vector (none for fixed; those of the followed joint for mimic)
     mimic, multiplier, offset : the joint it follows (through any that follow others in turn), moving by
         multiplier * position + offset

@@ -18,9 +18,12 @@ from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import IDENTITY, Array
 from pmpnbp.names import name_fault
 from pmpnbp.scene.json_files import finite_number, parse_object, read_object
+from pmpnbp.scene.reach import FARTHEST, WIDEST_RAY
 
 # More than any depth camera gives; keeps a hostile header from asking for gigabytes.
 LARGEST_SIDE = 8192
+# Seconds or pixels; a stamp in nanoseconds is beyond it.
+LARGEST_NUMBER = 1e12
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,11 @@ def _camera(members: Mapping[str, object], name: str) -> CameraFile:
         cy=_member(members, "cy", name),
         pose_world_camera=_pose(members, name),
     )
+    if camera.widest_ray > WIDEST_RAY:
+        raise ScanError(
+            f"{name} has a pixel that looks {camera.widest_ray:.4g} m to the side at a depth of 1 m; expected "
+            f"'fx', 'fy', 'cx' and 'cy' in pixels, with which it is at most {WIDEST_RAY:g} m"
+        )
     frame_id = members.get("frame_id", "world")
     if not isinstance(frame_id, str) or not frame_id:
         raise ScanError(f"'frame_id' of {name} is {frame_id!r:.80}; expected the name of a frame")
@@ -68,8 +76,11 @@ def _member(members: Mapping[str, object], key: str, name: str) -> float:
     if key not in members:
         raise ScanError(f"{name} has no '{key}'; expected width, height, fx, fy, cx, cy")
     number = finite_number(members[key])
-    if number is None or abs(number) > 1e12:
+    if number is None:
         raise ScanError(f"'{key}' of {name} is {members[key]!r:.80}; expected a finite number")
+    if abs(number) > LARGEST_NUMBER:
+        unit = "seconds" if key == "stamp" else "pixels"
+        raise ScanError(f"'{key}' of {name} is {members[key]!r:.80}; expected {unit}, at most {LARGEST_NUMBER:g}")
     return number
 
 
@@ -95,8 +106,11 @@ def _pose(members: Mapping[str, object], name: str) -> Array:
     if len(numbers) != 16 or None in numbers:
         raise ScanError(f"'T_world_camera' of {name} is not a list of 16 finite numbers (a 4x4 matrix, row by row)")
     matrix = np.array(numbers, dtype=np.float64).reshape(4, 4)
-    if np.abs(matrix).max() > 1e6:
-        raise ScanError(f"'T_world_camera' of {name} holds a number beyond 1e6; expected metres")
+    if (largest := np.abs(matrix).max()) > FARTHEST:
+        raise ScanError(
+            f"'T_world_camera' of {name} holds a number of the size {largest:g}; expected metres, at most {FARTHEST:g} "
+            "from the world's origin along each axis"
+        )
     if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
         raise ScanError(f"'T_world_camera' of {name} does not end with the row 0 0 0 1; expected row-major order")
     try:

@@ -9,6 +9,7 @@ from pmpnbp.errors import ScanError
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
+from pmpnbp.scene.reach import WIDEST_RAY
 
 # Points that a fit needs, and is made from at most.
 FEWEST, MOST = 20, 60_000
@@ -37,7 +38,9 @@ def fit_camera(points: NDArray[np.floating], viewpoint: Array, name: str) -> tup
         intrinsics, residual = _intrinsics(local)
         if intrinsics is not None and residual <= FITTED_RESIDUAL:
             height, width = points.shape[:2]
-            return Camera(width, height, *intrinsics, pose_world_camera=pose), local
+            camera = Camera(width, height, *intrinsics, pose_world_camera=pose)
+            if camera.widest_ray <= WIDEST_RAY:
+                return camera, local
     detail = f" (off by {residual:.1f} pixels at the median)" if np.isfinite(residual) else ""
     raise ScanError(
         f"no pinhole camera puts the points of scan '{name}' at their rows and columns{detail}; expected points in the "

@@ -21,6 +21,7 @@ from pmpnbp.scene.point_cloud_files import (
     text_lines,
     whole_numbers,
 )
+from pmpnbp.scene.reach import FARTHEST
 
 MOST_UNPACKED = 1 << 29
 
@@ -140,10 +141,11 @@ def _viewpoint(words: list[str] | None, name: str) -> Array:
         return IDENTITY
     try:
         numbers = np.array([float(word) for word in words])
-        if len(numbers) != 7 or np.abs(numbers).max() > 1e6:
+        if len(numbers) != 7 or not np.abs(numbers).max() <= FARTHEST:
             raise ValueError
         return poses.normalise(numbers)
     except ValueError as error:
         raise ScanError(
-            f"scan '{name}' has VIEWPOINT {' '.join(words):.80}; expected seven numbers x y z qw qx qy qz, a pose"
+            f"scan '{name}' has VIEWPOINT {' '.join(words):.80}; expected seven numbers x y z qw qx qy qz, a pose "
+            f"at most {FARTHEST:g} m from the world's origin along each axis"
         ) from error

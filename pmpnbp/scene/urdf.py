@@ -18,6 +18,7 @@ from pmpnbp.scene import meshes
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint, Mesh
 from pmpnbp.scene.model_files import ModelFiles, ModelLimits, open_model
 from pmpnbp.scene.parts import LinkSurface, assemble
+from pmpnbp.scene.reach import FARTHEST
 from pmpnbp.scene.urdf_check import MAX_MAGNITUDE, check_urdf
 
 DEFAULT_LIMITS = ModelLimits()
@@ -44,6 +45,7 @@ def load_model(
         surfaces = _surfaces(robot, files, limits)
     joints = _with_coordinates(_joints(robot, unlimited_range))
     root = next(iter({link.name for link in robot.links} - {joint.child for joint in joints}))
+    _check_reach(root, joints, surfaces)
     name = checked.name or Path(path).stem
     return assemble(name, root, joints, surfaces, triangle_budget, unlimited_range, checked.text)
 
@@ -86,19 +88,24 @@ def _joint(joint: yourdfpy.Joint, unlimited_range: float) -> Joint:
 
 
 def _with_coordinates(joints: list[Joint]) -> tuple[Joint, ...]:
-    """Joints with their entries of the joint vector; mimic joints with those of the joint they follow in the end."""
-    placed: dict[str, Joint] = {}
-    start = 0
-    for joint in joints:
-        if joint.mimic is None:
-            count = {"fixed": 0, "planar": 3, "floating": 6}.get(joint.kind, 1)
-            placed[joint.name] = replace(joint, coordinates=tuple(range(start, start + count)))
-            start += count
+    """Joints with their entries of the joint vector; mimic joints with those of the joint they follow in the end, which
+    moves as far as the limits of all that follow it allow."""
     named = {joint.name: joint for joint in joints}
-    return tuple(placed.get(joint.name) or _following(joint, named, placed) for joint in joints)
+    resolved = [joint if joint.mimic is None else _resolved(joint, named) for joint in joints]
+    leading = {joint.name: joint for joint in resolved if joint.mimic is None}
+    for joint in resolved:
+        if joint.mimic is not None and joint.kind != "continuous":
+            leading[joint.mimic] = _narrowed(leading[joint.mimic], joint)
+    start = 0
+    for name, joint in leading.items():
+        count = {"fixed": 0, "planar": 3, "floating": 6}.get(joint.kind, 1)
+        leading[name] = replace(joint, coordinates=tuple(range(start, start + count)))
+        start += count
+    return tuple(leading.get(joint.name) or _following(joint, leading[joint.mimic or ""]) for joint in resolved)
 
 
-def _following(joint: Joint, named: dict[str, Joint], placed: dict[str, Joint]) -> Joint:
+def _resolved(joint: Joint, named: dict[str, Joint]) -> Joint:
+    """A mimic joint by what the joint does that it follows in the end."""
     multiplier, offset, followed = joint.multiplier, joint.offset, named[joint.mimic or ""]
     while followed.mimic is not None:
         multiplier, offset = multiplier * followed.multiplier, multiplier * followed.offset + offset
@@ -108,24 +115,61 @@ def _following(joint: Joint, named: dict[str, Joint], placed: dict[str, Joint]) 
                 f"joint '{joint.name}' follows '{followed.name}' by {multiplier:g} * position + {offset:g}, expected "
                 f"numbers between {1 / MAX_MAGNITUDE:g} and {MAX_MAGNITUDE:g} in size"
             )
-    ends = sorted((multiplier * followed.lower + offset, multiplier * followed.upper + offset))
-    lower, upper = ends
-    if joint.kind != "continuous":
-        lower, upper = max(joint.lower, lower), min(joint.upper, upper)
-    if lower > upper:
+    return replace(joint, mimic=followed.name, multiplier=multiplier, offset=offset)
+
+
+def _narrowed(followed: Joint, joint: Joint) -> Joint:
+    """The followed joint, with as much of its range as keeps `joint` within its own limits. A continuous one that does
+    not turn all the way any more is revolute: its two ends are not one place."""
+    low, high = _taken_to(joint, followed)
+    ends = sorted((end - joint.offset) / joint.multiplier for end in (joint.lower, joint.upper))
+    lower, upper = max(followed.lower, ends[0]), min(followed.upper, ends[1])
+    # limits that meet in one position are most often of a multiplier with the wrong sign
+    if lower > upper or (lower == upper and followed.lower < followed.upper):
+        apart = "wholly outside" if lower > upper else "to one position alone of"
         raise ModelError(
-            f"joint '{joint.name}' mimics '{followed.name}', which takes it to {ends[0]:g} … {ends[1]:g}, wholly "
-            f"outside its own limits {joint.lower:g} … {joint.upper:g}"
+            f"joint '{joint.name}' mimics '{followed.name}', which takes it to {low:g} … {high:g}, {apart} its own "
+            f"limits {joint.lower:g} … {joint.upper:g}"
         )
-    return replace(
-        joint,
-        coordinates=placed[followed.name].coordinates,
-        mimic=followed.name,
-        multiplier=multiplier,
-        offset=offset,
-        lower=lower,
-        upper=upper,
-    )
+    if (lower, upper) == (followed.lower, followed.upper):
+        return followed
+    kind = "revolute" if followed.kind == "continuous" else followed.kind
+    return replace(followed, kind=kind, lower=lower, upper=upper)
+
+
+def _following(joint: Joint, followed: Joint) -> Joint:
+    lower, upper = _taken_to(joint, followed)
+    if joint.kind != "continuous":  # by rounding alone
+        lower, upper = max(joint.lower, lower), min(joint.upper, upper)
+    return replace(joint, coordinates=followed.coordinates, lower=lower, upper=upper)
+
+
+def _taken_to(joint: Joint, followed: Joint) -> tuple[float, float]:
+    """The range of a mimic joint by that of the joint it follows."""
+    lower, upper = sorted(joint.multiplier * end + joint.offset for end in (followed.lower, followed.upper))
+    return lower, upper
+
+
+def _check_reach(root: str, joints: tuple[Joint, ...], surfaces: dict[str, LinkSurface]) -> None:
+    """Whether every link and its surface stay within FARTHEST of the root link, however joints are moved."""
+    reach = {root: 0.0}
+    for joint in joints:
+        revolute, _ = joint.elementary_axes()
+        slides = np.max(np.abs(joint.limits()), axis=0)[~revolute]
+        reach[joint.child] = reach[joint.parent] + math.hypot(*joint.pose_parent_joint[:3]) + math.hypot(*slides)
+        if reach[joint.child] > FARTHEST:
+            raise ModelError(
+                f"joint '{joint.name}' takes link '{joint.child}' up to {reach[joint.child]:.6g} m from the root link "
+                f"'{root}', expected at most {FARTHEST:g}"
+            )
+    for link, surface in surfaces.items():
+        vertices = [mesh.vertices for mesh in (*surface.exact, *surface.scanned)]
+        far = reach[link] + max((np.linalg.norm(one, axis=-1).max() for one in vertices), default=0.0)
+        if far > FARTHEST:
+            raise ModelError(
+                f"the surface of link '{link}' lies up to {far:.6g} m from the root link '{root}', expected at most "
+                f"{FARTHEST:g}"
+            )
 
 
 def _surfaces(robot: yourdfpy.Robot, files: ModelFiles, limits: ModelLimits) -> dict[str, LinkSurface]:

@@ -24,7 +24,8 @@ MESH_EXTENSIONS = (".stl", ".obj", ".dae", ".glb", ".ply")
 
 # Deeper or longer files than any robot's are attacks on the parser, not models.
 MAX_DEPTH, MAX_ELEMENTS, MAX_ATTRIBUTE = 64, 200_000, 4096
-# Metres, radians or scale; keeps everything computed from a checked number finite.
+# Metres, radians or scale; keeps everything computed from a checked number finite. How far the object may reach in
+# metres is asked where all of it is known (`urdf.load_model`).
 MAX_MAGNITUDE = 1e6
 # Sizes (metres) and scales: smaller ones have no surface left in double precision.
 MIN_SIZE = 1e-6

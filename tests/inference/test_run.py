@@ -13,13 +13,15 @@ import pytest
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem, run
+from pmpnbp.inference.arrival import Arrival
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.metrics import add, model_points
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.observe import observe
-from pmpnbp.scene.prior import UniformPrior, load_prior
+from pmpnbp.scene.prior import GaussianPrior, UniformPrior, load_prior
+from pmpnbp.scene.reach import FARTHEST
 from pmpnbp.scene.scan_files import load_scan
 from pmpnbp.scene.urdf import load_model
 from tests.inference import small_worlds as worlds
@@ -205,6 +207,26 @@ def test_parts_outside_the_picture_do_no_harm() -> None:
     report = last(quick(MODEL, observation, ROOT), 12)
     truth = MODEL.part_poses(ROOT, JOINTS)
     assert errors_of(MODEL, report.map_poses, truth)[0] < 0.2
+
+
+@pytest.mark.parametrize("method", ["pmpnbp", "particle_filter"])
+def test_what_is_as_far_away_as_may_be_harms_nothing(method: str) -> None:
+    """A camera, a prior's mean and its deviations, and parts with their surfaces far from their frames."""
+    slide = Joint(
+        "slide", "prismatic", "link0", "link1", worlds.at(0, 0, FARTHEST / 4), worlds.X, 0, FARTHEST / 4, (0,)
+    )
+    surface = worlds.block([0.3, 0.4, 0.4], worlds.at(FARTHEST / 2))
+    model = worlds.articulated([slide], {"link0": surface, "link1": surface})
+    root = worlds.at(FARTHEST / 2, 0.0, 0.1)
+    corner = root[:3] + [FARTHEST / 2, 0.0, 0.0]
+    observation = worlds.seen(model, root, np.zeros(1), worlds.camera_at(corner + [-1.5, 0.0, 0.5], corner), margin=0.3)
+    turned = poses.from_xyz_rpy([-FARTHEST, FARTHEST, -FARTHEST], [1.0, 2.0, 3.0])
+    prior = GaussianPrior("link1", turned, np.full(3, FARTHEST), np.full(3, FARTHEST))
+    settings = worlds.settings(search_iterations=2, moved_std_xyz=FARTHEST)
+    last(problem.build(model, observation, prior, settings, particles=20, method=method), 4)
+    # a prior is not widened beyond what one may say
+    made = problem.build(model, observation, prior, settings, arrival=Arrival(after_iteration=4, first=0, moves=50))
+    assert isinstance(made.prior, GaussianPrior) and made.prior.std_xyz.max() == FARTHEST
 
 
 @pytest.fixture(scope="module")

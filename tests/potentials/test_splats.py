@@ -105,7 +105,7 @@ def test_a_pose_without_a_place_is_refused(rng: np.random.Generator, surfaces: S
     seen = posed_parts.rough_view(rng, Camera(20, 20, 20, 20, 10, 10), surfaces, np.tile(poses.IDENTITY, (5, 1)))
     pose = np.tile(poses.IDENTITY, (3, 1))
     pose[1, 2] = bad
-    with pytest.raises(ValueError, match="not finite, or further than 10 km"):
+    with pytest.raises(ValueError, match="not finite, or further than 1000 km"):
         unary_scores(posed_parts.observation([seen]), surfaces, np.zeros(3, dtype=int), pose, FORMS[0])
 
 

@@ -59,9 +59,15 @@ def test_pose_frame_and_stamp(tmp_path: Path) -> None:
         (text(T_world_camera=[2.0, *IDENTITY[1:]]), "the upper left 3x3 block of the matrix is not a rotation"),
         (text(T_world_camera=[-1.0, *IDENTITY[1:]]), "the upper left 3x3 block of the matrix is not a rotation"),
         (text(T_world_camera=[*IDENTITY[:12], 1, 2, 3, 1]), "does not end with the row 0 0 0 1"),
-        (text(T_world_camera=[*IDENTITY[:3], 1e9, *IDENTITY[4:]]), "holds a number beyond 1e6; expected metres"),
+        (
+            text(T_world_camera=[*IDENTITY[:3], -10001, *IDENTITY[4:]]),
+            "'T_world_camera' of the camera text holds a number of the size 10001; expected metres, at most 10000 from",
+        ),
+        (text(cx=1e12), "has a pixel that looks 1.653e+10 m to the side at a depth of 1 m; expected 'fx', 'fy', 'cx'"),
         (text(frame_id=3), "'frame_id' of the camera text is 3; expected the name of a frame"),
         (text(stamp="noon"), "'stamp' of the camera text is 'noon'"),
+        (text(stamp=1.7e18), "'stamp' of the camera text is 1.7e+18; expected seconds, at most 1e+12"),
+        (text(cx=-1e13), "'cx' of the camera text is -10000000000000.0; expected pixels, at most 1e+12"),
     ],
 )
 def test_what_is_said_of_a_camera_that_cannot_be_used(content: str, said: str) -> None:

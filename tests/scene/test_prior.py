@@ -21,6 +21,9 @@ URDF = """<robot name="r">
 <joint name="glue" type="fixed"><parent link="drawer"/><child link="handle"/></joint>
 <joint name="echo" type="prismatic"><parent link="base"/><child link="twin"/><axis xyz="1 0 0"/>
   <limit lower="0" upper="0.3" effort="1" velocity="1"/><mimic joint="slide"/></joint>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="leaf"/>
+  <limit lower="-1" upper="1.5" effort="1" velocity="1"/></joint>
+<joint name="wheel" type="continuous"><parent link="base"/><child link="rim"/></joint>
 </robot>"""
 LINK = '<link name="{}"><visual><geometry><box size="0.1 0.2 0.3"/></geometry></visual></link>'
 POSE = {"position": {"x": 1, "y": 2.0, "z": 3.0}, "orientation": {"x": 0.0, "y": 0.0, "z": 0.6, "w": 0.8}}
@@ -30,7 +33,9 @@ GAUSSIAN = {"kind": "gaussian", "link": "base", "pose": POSE, "std_xyz": [0.1, 0
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> ArticulatedObject:
     path = tmp_path_factory.mktemp("model") / "r.urdf"
-    path.write_text(URDF.format(links="\n".join(LINK.format(name) for name in ("base", "drawer", "handle", "twin"))))
+    path.write_text(
+        URDF.format(links="\n".join(LINK.format(name) for name in ("base", "drawer", "handle", "twin", "leaf", "rim")))
+    )
     return load_model(path)
 
 
@@ -52,6 +57,24 @@ def test_gaussian(model: ArticulatedObject, tmp_path: Path) -> None:
     assert dict(load_prior({**GAUSSIAN, "link": "handle"}, model).joints) == {}  # type: ignore[union-attr]
 
 
+@pytest.mark.parametrize(
+    ("joint", "position", "std", "read"),
+    [
+        ("slide", 0.31, 1e-4, 0.31),  # an encoder with an offset
+        ("slide", -0.2, 0.1, -0.2),
+        ("hinge", 1.6, 1e-3, 1.6),
+        ("wheel", 7.0, 0.01, 7.0 - 2 * np.pi),  # after a turn
+        ("wheel", -3.0, 0.01, -3.0),
+    ],
+)
+def test_a_joint_measured_a_little_beyond_its_limit_or_a_turn_on(
+    model: ArticulatedObject, joint: str, position: float, std: float, read: float
+) -> None:
+    prior = load_prior({**GAUSSIAN, "joints": {joint: {"position": position, "std": std}}}, model)
+    assert isinstance(prior, GaussianPrior)
+    assert prior.joints[joint] == pytest.approx((read, std), abs=1e-12)
+
+
 def test_a_rounded_orientation_is_brought_to_unit_length(model: ArticulatedObject) -> None:
     rounded = {**POSE, "orientation": {"x": 0.001, "y": 0.0, "z": 0.6, "w": 0.801}}
     prior = load_prior({**GAUSSIAN, "pose": rounded}, model)
@@ -64,6 +87,49 @@ def test_a_rounded_orientation_is_brought_to_unit_length(model: ArticulatedObjec
     ("members", "said"),
     [
         ({}, "'kind' of the prior is None; expected 'uniform' or 'gaussian'"),
+        (
+            {"kind": "uniform", "orient": "any"},
+            "the prior of kind 'uniform' has the member 'orient'; it can have kind, orientation",
+        ),
+        (
+            {**GAUSSIAN, "joint": {}},
+            "of kind 'gaussian' has the member 'joint'; it can have kind, link, pose, std_xyz, std_rpy, joints",
+        ),
+        (
+            {**GAUSSIAN, "pose": {**POSE, "frame": "map"}},
+            "'pose' of the prior has the member 'frame'; it can have position, orientation",
+        ),
+        (
+            {**GAUSSIAN, "pose": {**POSE, "position": {"x": 1, "y": 2, "z": 3, "Z": 4}}},
+            "'position' in the prior has the member 'Z'; it can have x, y, z",
+        ),
+        (
+            {**GAUSSIAN, "joints": {"slide": {"position": 0, "std": 1, "mean": 0}}},
+            "joint 'slide' of the prior has the member 'mean'; it can have position, std",
+        ),
+        (
+            {**GAUSSIAN, "joints": {"slide": {"position": 24, "std": 0.001}}},
+            "the position of joint 'slide' of the prior is 24 m, with a 'std' of 0.001; expected one within its "
+            "limits, 0 to 0.3 m",
+        ),
+        (
+            {**GAUSSIAN, "joints": {"slide": {"position": -0.1, "std": 0.03}}},
+            "the position of joint 'slide' of the prior is -0.1 m, with a 'std' of 0.03; expected one",
+        ),
+        (
+            {**GAUSSIAN, "joints": {"hinge": {"position": 90, "std": 1}}},
+            "the position of joint 'hinge' of the prior is 90 rad, with a 'std' of 1; expected one within its limits, "
+            "-1 to 1.5 rad",
+        ),
+        (
+            {**GAUSSIAN, "pose": {**POSE, "position": {"x": 20000, "y": 2, "z": 3}}},
+            "'position' in the prior is {'x': 20000, 'y': 2, 'z': 3}; expected metres, at most 10000 from the world's",
+        ),
+        (
+            {**GAUSSIAN, "std_xyz": [1e5, 1, 1]},
+            "'std_xyz' of the prior is [100000.0, 1, 1]; expected three standard deviations above 0, at most 10000",
+        ),
+        ({**GAUSSIAN, "joints": {"slide": {"position": 0, "std": 1e6}}}, "and a 'std' above 0, at most 10000"),
         ({"kind": "uniform", "orientation": "sideways"}, "is 'sideways'; expected 'upright' or 'any'"),
         ({**GAUSSIAN, "link": "lid"}, "link 'lid' of the prior is not in the model; it has base, drawer, handle, twin"),
         ({**GAUSSIAN, "link": None}, "link None of the prior is not in the model; it has base"),

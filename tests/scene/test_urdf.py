@@ -164,13 +164,13 @@ def test_a_planar_joint_slides_across_its_axis(load: Callable[..., ArticulatedOb
     np.testing.assert_allclose(axes[2], direction / np.linalg.norm(direction), atol=1e-12)
 
 
-def mimics(follower: str, kind: str = "revolute", followed: str = LIMIT) -> str:
+def mimics(follower: str, kind: str = "revolute", followed: str = LIMIT, third: str = "revolute") -> str:
     return (
         '<robot name="m">'
         + "".join(link(name) for name in "abcd")
         + joint("first", kind, "a", "b", followed)
         + joint("second", kind, "b", "c", follower)
-        + joint("third", "revolute", "c", "d", f'{LIMIT}<mimic joint="second" multiplier="2" offset="-0.5"/>')
+        + joint("third", third, "c", "d", f'{LIMIT}<mimic joint="second" multiplier="2" offset="-0.5"/>')
         + "</robot>"
     )
 
@@ -181,9 +181,9 @@ def test_mimic_chains_are_resolved_and_limits_clipped(load: Callable[..., Articu
     second, third = model.edges[1], model.edges[2]
     # second = 0.25 - first / 2 over first in -1 … 1.5, which is -0.5 … 0.75; its own limits begin at -0.2
     np.testing.assert_allclose([second.lower[0], second.upper[0]], [-0.2, 0.75])
-    # third = 2 second - 0.5 = -first, which is -1.5 … 1; its own limits begin at -1
+    # third = 2 second - 0.5 = -first, and first ends at 0.9, where second begins
     np.testing.assert_allclose([third.multiplier[0], third.offset[0]], [-1.0, 0.0])
-    np.testing.assert_allclose([third.lower[0], third.upper[0]], [-1.0, 1.0])
+    np.testing.assert_allclose([third.lower[0], third.upper[0]], [-0.9, 1.0])
     assert model.joints[2].mimic == "first"
     np.testing.assert_allclose(third.axis_positions(np.array([0.3])), [-0.3])
 
@@ -192,7 +192,8 @@ def test_mimic_chains_are_resolved_and_limits_clipped(load: Callable[..., Articu
 def test_a_mimic_of_a_full_turn_wraps_if_it_turns_as_far(
     load: Callable[..., ArticulatedObject], multiplier: float, wraps: bool
 ) -> None:
-    edge = load(mimics(f'<mimic joint="first" multiplier="{multiplier}"/>', "continuous", "")).edges[1]
+    text = mimics(f'<mimic joint="first" multiplier="{multiplier}"/>', "continuous", "", "continuous")
+    edge = load(text).edges[1]
     assert bool(edge.wraps[0]) is wraps
     np.testing.assert_allclose([edge.lower[0], edge.upper[0]], [-abs(multiplier) * np.pi, abs(multiplier) * np.pi])
 
@@ -201,6 +202,112 @@ def test_a_mimic_that_can_never_be_within_its_limits_is_an_error(load: Callable[
     text = mimics('<limit lower="3" upper="4"/><mimic joint="first"/>')
     with pytest.raises(ModelError, match=r"joint 'second' mimics 'first', which takes it to -1 … 1.5, wholly outside"):
         load(text)
+
+
+@pytest.mark.parametrize(
+    ("followers", "left"),
+    [
+        (['<limit lower="0" upper="0.05"/><mimic joint="k"/>'], (0.0, 0.05)),
+        (['<limit lower="-0.2" upper="0"/><mimic joint="k" multiplier="-2"/>'], (0.0, 0.1)),
+        (['<limit lower="0" upper="0.1"/><mimic joint="k" multiplier="-0.5" offset="0.2"/>'], (0.2, 0.3)),
+        (
+            ['<limit lower="-1" upper="0.2"/><mimic joint="k"/>', '<limit lower="0.1" upper="1"/><mimic joint="k"/>'],
+            (0.1, 0.2),
+        ),
+        # through another, whose own limits count as well
+        (
+            ['<limit lower="0" upper="0.2"/><mimic joint="k"/>', '<limit lower="0" upper="0.1"/><mimic joint="f0"/>'],
+            (0.0, 0.1),
+        ),
+        (['<limit lower="-9" upper="9"/><mimic joint="k"/>'], (0.0, 0.3)),
+    ],
+)
+def test_a_joint_moves_no_further_than_those_that_follow_it_can(
+    load: Callable[..., ArticulatedObject], followers: list[str], left: tuple[float, float]
+) -> None:
+    text = link("a") + link("b") + joint("k", "prismatic", "a", "b", '<limit lower="0" upper="0.3"/>')
+    for number, inside in enumerate(followers):
+        text += link(f"c{number}") + joint(f"f{number}", "prismatic", "a", f"c{number}", inside)
+    model = load(f'<robot name="m">{text}</robot>')
+    np.testing.assert_allclose([model.lower[0], model.upper[0]], left, atol=1e-12)
+    for end in left:
+        for name, position in model.joint_values(np.array([end])).items():
+            limits = next(one for one in model.joints if one.name == name)
+            assert limits.lower - 1e-12 <= position[0] <= limits.upper + 1e-12
+    for one in model.joints[1:]:
+        ends = sorted(one.multiplier * end + one.offset for end in left)
+        np.testing.assert_allclose([one.lower, one.upper], ends, atol=1e-12)
+
+
+def test_followers_that_turn_without_end_take_nothing_and_others_end_a_full_turn(
+    load: Callable[..., ArticulatedObject],
+) -> None:
+    spin = joint("k", "continuous", "a", "b")
+    free = link("c") + joint("f", "continuous", "a", "c", '<mimic joint="k" multiplier="0.5"/>')
+    model = load(f'<robot name="m">{link("a")}{link("b")}{spin}{free}</robot>')
+    np.testing.assert_allclose([model.lower[0], model.upper[0]], [-np.pi, np.pi])
+    assert model.wraps.tolist() == [True]
+    ended = link("d") + joint("g", "revolute", "a", "d", '<limit lower="-1" upper="2"/><mimic joint="k"/>')
+    model = load(f'<robot name="m">{link("a")}{link("b")}{spin}{free}{ended}</robot>')
+    np.testing.assert_allclose([model.lower[0], model.upper[0]], [-1, 2])
+    assert model.wraps.tolist() == [False] and not any(edge.wraps.any() for edge in model.edges)
+    assert [(one.kind, one.lower, one.upper) for one in model.joints] == [
+        ("revolute", -1, 2),
+        ("continuous", -0.5, 1),
+        ("revolute", -1, 2),
+    ]
+
+
+def test_a_follower_whose_limits_leave_one_position_is_an_error(load: Callable[..., ArticulatedObject]) -> None:
+    text = mimics('<limit lower="1.5" upper="4"/><mimic joint="first"/>')
+    with pytest.raises(ModelError) as caught:
+        load(text)
+    assert str(caught.value) == (
+        "joint 'second' mimics 'first', which takes it to -1 … 1.5, to one position alone of its own limits 1.5 … 4"
+    )
+    locked = mimics(
+        '<limit lower="1.5" upper="1.5"/><mimic joint="first"/>', followed='<limit lower="1.5" upper="1.5"/>'
+    )
+    with pytest.raises(ModelError, match=r"joint 'third' mimics 'first', which takes it to 2.5 … 2.5, wholly outside"):
+        load(locked)
+
+
+def box(size: str, xyz: str = "0 0 0") -> str:
+    return f'<visual><origin xyz="{xyz}"/><geometry><box size="{size}"/></geometry></visual>'
+
+
+def moved(kind: str, xyz: str, inside: str = "") -> str:
+    ends = f'<parent link="a"/><child link="b"/><origin xyz="{xyz}"/>'
+    return f'{link("a")}{link("b")}<joint name="j" type="{kind}">{ends}{inside}</joint>'
+
+
+@pytest.mark.parametrize(
+    ("inside", "said"),
+    [
+        (link("a", box("20100 1 1")), "the surface of link 'a' lies up to 10050 m from the root link 'a', expected"),
+        (link("a", box("1 1 1", "0 0 -1e6")), "the surface of link 'a' lies up to 1e+06 m from"),
+        (
+            moved("fixed", "0 10001 0"),
+            "joint 'j' takes link 'b' up to 10001 m from the root link 'a', expected at most",
+        ),
+        (moved("fixed", "0 9999.9 0"), "the surface of link 'b' lies up to 10000.1 m from the root link 'a'"),
+        (
+            moved("prismatic", "0 0 0", '<limit lower="-1e6" upper="1e6"/>'),
+            "joint 'j' takes link 'b' up to 1e+06 m from the root link 'a', expected at most 10000",
+        ),
+        (moved("revolute", "5000 0 0", LIMIT) + link("c") + joint("k", "fixed", "b", "c"), None),
+    ],
+)
+def test_an_object_that_reaches_too_far_is_an_error(
+    load: Callable[..., ArticulatedObject], inside: str, said: str | None
+) -> None:
+    text = f'<robot name="far">{inside}</robot>'
+    if said is None:
+        assert load(text).dof == 1
+        return
+    with pytest.raises(ModelError) as caught:
+        load(text)
+    assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_a_mimic_chain_beyond_all_size_is_an_error(load: Callable[..., ArticulatedObject]) -> None:

@@ -77,7 +77,7 @@ def _judged(seen: Confirmation) -> tuple[Verdict, str]:
         beyond = 100 * seen.outside / seen.covered
         return "doubtful", f"{share}, but {beyond:.0f} % of the object is outside the region of interest"
     if seen.score < FEW:
-        return "doubtful", f"{share}, but that is {seen.confirmed} pixels"
+        return "doubtful", f"{share}, but that is {seen.confirmed} pixel{'' if seen.confirmed == 1 else 's'}"
     touching = 0
     for count, most in ((_touching, TOUCHING), (_touching_long, LONG_TOUCHING)):
         touching += sum(count(*pixels) for pixels in seen.pixels)

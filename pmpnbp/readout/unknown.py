@@ -39,9 +39,10 @@ def unknown(problem: Problem, posterior: Posterior, told: Spread) -> tuple[str, 
         if anywhere or told.alike.any():
             places = _places(posterior, coordinate, model.wraps[coordinate], IN_PLACE * span)
         if places:
-            found.append(f"joint '{name}' may be at {' or '.join(_position(one, turns) for one in places)}")
+            found.append(f"joint '{name}' may be at {' or '.join(_position(one, turns, span) for one in places)}")
         elif anywhere:
-            found.append(f"joint '{name}' may be anywhere from {_position(low, turns)} to {_position(high, turns)}")
+            ends = f"{_position(low, turns, span)} to {_position(high, turns, span)}"
+            found.append(f"joint '{name}' may be anywhere from {ends}")
     for part, evenness in zip(model.parts, told.round_turns, strict=True):
         if evenness < EVEN:
             found.append(f"'{part.name}' is round, and may be turned by any angle about its axis")
@@ -80,5 +81,10 @@ def _places(posterior: Posterior, coordinate: int, wraps: NDArray[np.bool_], mos
     return sorted(found) if len(found) > 1 else []
 
 
-def _position(value: float, turns: bool) -> str:
-    return f"{np.degrees(value):.0f}°" if turns else f"{value:.2f} m"
+def _position(value: float, turns: bool, span: float) -> str:
+    """In whole degrees or centimetres, or as many digits more as tell places in a range `span` apart."""
+    if turns:
+        value, span = float(np.degrees(value)), float(np.degrees(span))
+    digits = max(int(np.ceil(-np.log10(span))) + 1, 0 if turns else 2)
+    rounded = round(float(value), digits) + 0.0  # no minus zero
+    return f"{rounded:.{digits}f}°" if turns else f"{rounded:.{digits}f} m"

@@ -27,6 +27,8 @@ from pmpnbp.scene.articulated_object import Mesh
 ROUND_SEGMENTS, SPHERE_SUBDIVISIONS = 32, 2
 # Vertices further out than this (metres) are damage, and would spoil every later bounding box.
 MAX_COORDINATE = 1e5
+# What Git LFS leaves in a file's place begins so.
+LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 
 # Bytes that each kind of thing which is made of meshes is kept in: the next session on the same model starts at once.
 KEPT = 64 * 2**20
@@ -68,6 +70,8 @@ def load_mesh(data: bytes, extension: str, what: str, triangle_limit: int) -> Me
     `what` names the mesh in errors. Raises ModelError where the file cannot be read, holds no triangle, a number that
     is not finite, or more than `triangle_limit` triangles.
     """
+    if data.startswith(LFS_POINTER):
+        raise ModelError(f"{what} is a Git LFS pointer, expected the mesh in its place: fetch it with `git lfs pull`")
     if extension == ".dae":
         _refuse_entities(data, what)
     try:

@@ -106,6 +106,12 @@ def test_a_longer_surface_leaves_doubt_if_the_object_lies_on_it(share: float, ve
     assert fit.verdict == verdict and ("explained by nothing" in fit.reason) == (verdict == "doubtful"), fit
 
 
+@pytest.mark.parametrize(("confirmed", "said"), [(1, "but that is 1 pixel"), (2, "but that is 2 pixels")])
+def test_too_few_pixels_are_counted(confirmed: int, said: str) -> None:
+    fit = judged(replace(confirmation(built(), ROOT, JOINTS), score=1.0, expected=1.0, confirmed=confirmed))
+    assert fit.verdict == "doubtful" and fit.reason.endswith(said)
+
+
 def test_a_look_alike_apart_from_it_leaves_none() -> None:
     other = np.concatenate([ROOT[:3] + [0.1, -0.75, 0.0], ROOT[3:]])
     assert assess(built(add=other), ROOT, JOINTS).verdict == "good"

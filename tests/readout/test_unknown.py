@@ -62,6 +62,17 @@ def test_a_drawer_that_cannot_be_seen_is_named_with_where_it_may_be() -> None:
     assert sentence.startswith("joint 'slide' may be anywhere from 0.0") and sentence.endswith(" m")
 
 
+def test_places_of_a_joint_that_hardly_moves_are_told_apart() -> None:
+    slide = Joint("slide", "prismatic", "link0", "link1", at(0.148, 0.0, 0.2), X, 0.0, 0.001, (0,))
+    model = articulated(
+        [slide], {"link0": block([0.3, 0.4, 0.4], at(z=0.2)), "link1": block([0.2, 0.3, 0.2], at(-0.1))}
+    )
+    (sentence,) = told_of(model, at(1.4, 0.0, 0.0, yaw=0.05), np.array([0.0005]), eye=0.3)
+    low, high = sentence.removeprefix("joint 'slide' may be anywhere from ").removesuffix(" m").split(" m to ")
+    assert len(low) == len(high) == len("0.0001")
+    assert 0 <= float(low) < 0.0002 and 0.0008 < float(high) <= 0.001
+
+
 def test_a_round_foot_may_be_turned_and_its_first_joint_with_it() -> None:
     """The bar on it is seen well; which of the angles is the foot's and which the joint's cannot be."""
     turn = Joint("turn", "revolute", "link0", "link1", at(0, 0, 0.1), Z, -3.0, 3.0, (0,))

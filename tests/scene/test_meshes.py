@@ -70,6 +70,14 @@ def test_a_mesh_s_material_and_texture_files_are_not_opened() -> None:
     [
         (b"", ".stl", "mesh holds no triangle"),
         (b"nonsense", ".glb", "mesh cannot be read: "),
+        *(
+            (
+                b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a2146\nsize 12345\n",
+                kind,
+                "mesh is a Git LFS pointer, expected the mesh in its place: fetch it with `git lfs pull`$",
+            )
+            for kind in (".stl", ".obj", ".dae")
+        ),
         (b"v 0 0 0\n", ".obj", "mesh "),
         (b"solid x\nendsolid x\n", ".stl", "mesh "),
         (

@@ -70,9 +70,25 @@ class ModelFiles:
         what = f"mesh '{filename}' of link '{link}'"
         if outside:
             raise ModelError(f"{what} lies outside the model's folder, and nothing outside it is read{self._advice()}")
+        if (other := self._in_other_case(filename, link)) is not None:
+            raise ModelError(f"{what} is missing; there is '{other}', which differs in upper and lower case only")
         if filename.startswith("package://"):
             raise ModelError(f"{what} is missing: packages are looked for in the model's folder only{self._advice()}")
         raise ModelError(f"{what} is missing")
+
+    def _in_other_case(self, filename: str, link: str) -> str | None:
+        """A file below the root that a missing one would be if case did not count, as it does not on other systems."""
+        root = self.root.resolve()
+        for candidate in self._candidates(filename, link):
+            try:
+                found = root
+                for step in candidate.resolve().relative_to(root).parts:
+                    found = next(one for one in sorted(found.iterdir()) if one.name.casefold() == step.casefold())
+                if found.is_file() and found.resolve().is_relative_to(root):
+                    return found.relative_to(root).as_posix()
+            except (OSError, ValueError, RuntimeError, StopIteration):  # as above, outside the root, or no such step
+                continue
+        return None
 
     def _advice(self) -> str:
         return "" if self.from_zip else "; zip the URDF together with its meshes"

@@ -107,6 +107,26 @@ def test_meshes_that_cannot_be_read(tmp_path: Path) -> None:
     assert sentence(path, small, "big.stl") == "mesh 'big.stl' of link 'a' is larger than 1 MiB"
 
 
+def test_a_mesh_in_another_case_is_told_of(tmp_path: Path, pack: Callable[..., Path]) -> None:
+    (tmp_path / "urdf" / "Meshes").mkdir(parents=True)
+    (tmp_path / "urdf" / "Meshes" / "Arm.STL").write_text("")
+    (tmp_path / "outside").mkdir()
+    (tmp_path / "outside" / "Secret.stl").write_text("")
+    (tmp_path / "urdf" / "door").symlink_to(tmp_path / "outside")
+    path = tmp_path / "urdf" / "r.urdf"
+    path.write_text("<robot/>")
+    for name in ("meshes/arm.stl", "./Meshes/arm.STL", "package://robot/meshes/Arm.stl"):
+        assert sentence(path, filename=name) == (
+            f"mesh '{name}' of link 'a' is missing; there is 'Meshes/Arm.STL', which differs in upper and lower case only"
+        )
+    assert sentence(path, filename="meshes/leg.stl") == "mesh 'meshes/leg.stl' of link 'a' is missing"
+    assert "Secret" not in sentence(path, filename="Door/secret.stl")
+    zipped = pack({"r.urdf": "", "deep/robot/Arm.stl": ""})
+    assert sentence(zipped, filename="package://robot/arm.stl").endswith(
+        "is missing; there is 'deep/robot/Arm.stl', which differs in upper and lower case only"
+    )
+
+
 def test_models_that_cannot_be_opened(tmp_path: Path) -> None:
     assert sentence(tmp_path / "no.urdf") == "model 'no.urdf' is not there, expected a URDF file or a zip holding one"
     (tmp_path / "dir.urdf").mkdir()

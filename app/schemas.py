@@ -7,16 +7,18 @@ import math
 from dataclasses import fields
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, model_validator
 
 from pmpnbp.inference.arrival import ScanMode
 from pmpnbp.json_text import check_text
+from pmpnbp.names import character_fault
 from pmpnbp.readout.snapshot import Phase
 from pmpnbp.settings import Method, SessionOptions
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Coordinate = Annotated[float, Field(allow_inf_nan=False, ge=-1e3, le=1e3, description="metres")]
-UnitComponent = Annotated[float, Field(allow_inf_nan=False, ge=-1.001, le=1.001)]
+# strict: neither true nor "1" is a number
+Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
+Coordinate = Annotated[Finite, Field(ge=-1e3, le=1e3, description="metres")]
+UnitComponent = Annotated[Finite, Field(ge=-1.001, le=1.001)]
 Until = Literal["iterations", "converged", "certain"]
 State = Literal["paused", "waiting", "running", "failed", "recorded"]
 Certain = Annotated[
@@ -52,8 +54,24 @@ Config = Annotated[
         max_length=100,
     ),
 ]
-Name = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200)]
-Tag = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=40)]
+
+
+def _one_line(text: str) -> str:
+    if fault := character_fault(text.strip()):
+        raise ValueError(f"it {fault}")
+    return text
+
+
+def _number(value: Any) -> Any:
+    if isinstance(value, bool | str):
+        raise ValueError("input should be a whole number")
+    return value
+
+
+# strict as Finite is, but for 1.0, which JSON does not tell from 1
+Whole = Annotated[int, BeforeValidator(_number)]
+Name = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=200), AfterValidator(_one_line)]
+Tag = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=40), AfterValidator(_one_line)]
 Tags = Annotated[
     list[Tag],
     AfterValidator(lambda tags: list(dict.fromkeys(tags))),
@@ -97,22 +115,24 @@ class SessionRequest(Body):
 
     model_id: str = Field(description="id of the model", max_length=64, examples=["0123456789abcdef"])
     scan_ids: list[Annotated[str, Field(max_length=64)]] = Field(
-        description="ids of the scans: views of one scene in one world frame",
+        description="ids of the scans: views of one scene in one world frame, each once",
         min_length=1,
         max_length=MOST_SCANS,
         examples=[["0123456789abcdef"]],
+        json_schema_extra={"uniqueItems": True},
     )
-    name: str | None = Field(
+    name: Annotated[str, AfterValidator(_one_line)] | None = Field(
         None,
-        description="what people call it; without one it is called by the files of its model and scan",
+        description="what people call it; without one, or with spaces alone, it is called by the files of its model "
+        "and scan",
         max_length=200,
         examples=["kitchen"],
     )
     tags: Tags = Field(default_factory=list)
     method: Method = _option("method")
-    particles: int = _option("particles")
-    iterations: int = _option("iterations", "; `run` makes so many where it is told no number")
-    seed: int = _option("seed")
+    particles: Whole = _option("particles")
+    iterations: Whole = _option("iterations", "; `run` makes so many where it is told no number")
+    seed: Whole = _option("seed")
     roi: Roi | None = _option("roi", "; null for the default")
     prior: Members | None = _option(
         "prior",
@@ -133,12 +153,10 @@ class SessionRequest(Body):
 class RunRequest(Body):
     """How far to iterate."""
 
-    iterations: int | None = Field(
+    iterations: Annotated[int, Field(ge=1, le=100_000), BeforeValidator(_number)] | None = Field(
         None,
         description="iterations to make from here; without it up to the session's own number, that many where it has "
         "made them",
-        ge=1,
-        le=100_000,
         examples=[100],
     )
     until: Until = Field(
@@ -151,7 +169,7 @@ class RunRequest(Body):
 class StepRequest(Body):
     """How many iterations to wait for."""
 
-    iterations: int = Field(1, description="iterations to make", ge=1, le=1000)
+    iterations: Whole = Field(1, description="iterations to make", ge=1, le=1000)
 
 
 class ResetRequest(Body):
@@ -160,8 +178,8 @@ class ResetRequest(Body):
     roi: Roi | None = _option("roi", "; null for the default")
     prior: Members | None = _option("prior", ", as prior.json; null for the default")
     method: Method = _option("method")
-    particles: int = _option("particles")
-    seed: int = _option("seed")
+    particles: Whole = _option("particles")
+    seed: Whole = _option("seed")
 
 
 class ChangeRequest(Body):
@@ -223,18 +241,20 @@ class ViewBody(Body):
     """A place that a camera could look from."""
 
     pose: PoseBody = Field(description="pose_world_camera, optical: x right, y down, z forward")
-    cost: float = Field(1.0, gt=0, le=1e6, allow_inf_nan=False, description="what it takes to get there")
+    cost: Finite = Field(1.0, gt=0, le=1e6, description="what it takes to get there")
 
 
 class DecisionRequest(Body):
     """What a planner wants to act on, and from where it could look instead."""
 
     links: list[str] | None = Field(None, min_length=1, max_length=1000, description="names; default: all")
-    max_std: float | None = Field(None, gt=0, le=1e6, description="metres; default: the session's")
+    max_std: Finite | None = Field(None, gt=0, le=1e6, description="metres; default: the session's")
     views: list[ViewBody] | None = Field(
         None, min_length=1, max_length=100, description="ranked in the answer; default: views around the object"
     )
-    iteration: int | None = Field(None, ge=0, le=2**31, description="to decide by; default: the newest")
+    iteration: Annotated[int, Field(ge=0, le=2**31), BeforeValidator(_number)] | None = Field(
+        None, description="to decide by; default: the newest"
+    )
 
 
 class Progress(BaseModel):

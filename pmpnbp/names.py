@@ -17,7 +17,12 @@ def name_fault(name: str) -> str | None:
         return "is a step of a path, which no address can hold"
     if len(name) > LONGEST_NAME:
         return f"has {len(name)} characters; expected at most {LONGEST_NAME}"
-    odd = next((character for character in name if unicodedata.category(character) in _NOT_IN_NAMES), None)
+    return character_fault(name)
+
+
+def character_fault(text: str) -> str | None:
+    """What of one line's text cannot be in a name, to be said behind it; None where nothing is."""
+    odd = next((character for character in text if unicodedata.category(character) in _NOT_IN_NAMES), None)
     if odd is not None:
         return f"has the character U+{ord(odd):04X}; expected no control characters and no halves of surrogate pairs"
     return None

@@ -238,10 +238,13 @@ def _check(name: str, value: Any, metadata: Mapping[str, Any], kind: type) -> No
 
 
 def checked_option(name: str, value: Any) -> Any:
-    """The value of a simple option: its method, or a number. Raises SettingError for one that it cannot have."""
+    """The value of a simple option: its method, or a number. Raises SettingError for one that it cannot have: also for
+    a `max_std` of 0, which no standard deviation is within."""
     entry = next(one for one in fields(SessionOptions) if one.name == name)
     found = _convert(name, value, type(entry.default))
     _check(name, found, entry.metadata, type(entry.default))
+    if name == "max_std" and found == 0:
+        raise SettingError(f"'max_std' is {value!r}; expected metres above zero")
     return found
 
 

@@ -46,7 +46,7 @@ def present_scans(document: Mapping[str, Any], iteration: int | None = None) -> 
         for change in document.get("changes") or ()
         if change.get("scan_id")
     ]
-    ids, arrival = present(list(dict.fromkeys(document.get("scan_ids") or ())), came, iteration)
+    ids, arrival = present(document.get("scan_ids") or (), came, iteration)
     return list(ids), arrival
 
 

@@ -35,6 +35,7 @@ from pmpnbp.inference.arrival import ScanMode
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.snapshot import Snapshot
 from pmpnbp.recording import Change, Inputs, IterationArchive
+from pmpnbp.scene.common_scene import one_frame
 from pmpnbp.scene.observation import Scan
 
 Kind = TypeVar("Kind")
@@ -317,7 +318,9 @@ class Session(Source):
         self.archive.check()
         if scan_id in documents.present_scans(self._document)[0]:
             raise HttpProblem(409, f"scan '{scan_id}' is in session '{self.id}' already")
-        self._apply({"scan_id": scan_id, "mode": mode}, {"scan": self._store.load_scan(scan_id), "mode": mode})
+        scan = self._store.load_scan(scan_id)
+        one_frame((self._inference.newest.problem.observation.frame_id, scan.frame_id))
+        self._apply({"scan_id": scan_id, "mode": mode}, {"scan": scan, "mode": mode})
 
     def _apply(self, entry: dict[str, Any], change: dict[str, Any], labels: Mapping[str, Any] | None = None) -> None:
         """Make a change after the iteration just made, in document and recording; nothing of it where it fails."""

@@ -52,7 +52,10 @@ class Sessions:
     def restore(self) -> None:
         """Take up every session of the store: paused where its recording ends, or failed where it is damaged."""
         for id, document in self._store.sessions():
-            document = named(document, self._store) if document else {"id": id}
+            if document:  # older servers kept ids that were given twice, and looked at each scan once
+                document = named(document, self._store)
+                document["scan_ids"] = list(dict.fromkeys(document.get("scan_ids") or ()))
+            document = document or {"id": id}
             session = Session(id, self._store, document, self._slots, self._room)
             session.recover()
             with self._lock:
@@ -69,14 +72,7 @@ class Sessions:
         unknown = set(body) - set(DEFAULTS) - {"model_id", "scan_ids", "sample"}
         if unknown:
             raise HttpProblem(422, f"a session has no {', '.join(sorted(unknown))}")
-        document: Document = {
-            "model_id": body["model_id"],
-            "scan_ids": list(dict.fromkeys(body["scan_ids"])),
-            **DEFAULTS,
-            **body,
-            "changes": [],
-            "events": 1,
-        }
+        document: Document = {**DEFAULTS, **body, "changes": [], "events": 1}
         with self._lock:
             if self._closed:
                 raise HttpProblem(503, "the server is stopping")

@@ -105,8 +105,6 @@ def _row(entry: Entry, otherwise: Mapping[str, Any], names: MutableMapping[str, 
 def _option(name: str, value: Any) -> Any:
     if name == "iterations" and str(value) == "0":  # none at all give the start
         return 0
-    if name == "max_std" and finite_number(value) == 0:
-        raise ManifestError(f"'max_std' is {value!r:.60}; expected metres above zero")
     return checked_option(name, value)
 
 

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from pmpnbp.errors import ModelError, PmpnbpError, ScanError
+
 if TYPE_CHECKING:
     from pmpnbp.scene.articulated_object import ArticulatedObject
     from pmpnbp.scene.observation import Scan
@@ -65,6 +67,8 @@ def load_model(path: AnyPath, *, triangles: int | None = None) -> Model:
     from pmpnbp.scene import urdf
     from pmpnbp.settings import Settings
 
+    if not isinstance(path, str | PathLike):
+        raise ModelError(f"the model is {path!r:.60}; expected the path of a URDF or zip")
     budget = Settings.triangles if triangles is None else triangles
     return Model(Path(path), budget, urdf.load_model(Path(path), triangle_budget=budget))
 
@@ -77,7 +81,22 @@ def load_scan(source: AnyPath | NDArray[np.generic], camera: CameraSource | None
     """
     from pmpnbp.scene import scan_files
 
-    given = camera if camera is None or isinstance(camera, Mapping) else Path(camera)
+    given = members_or_path(camera, "camera", ScanError)
     if isinstance(source, np.ndarray):
         return scan_files.scan_of(source, given)
+    if not isinstance(source, str | PathLike):
+        raise ScanError(f"a scan is {source!r:.60}; expected the path of a file, an array, or what load_scan gives")
     return scan_files.load_scan(Path(source), given)
+
+
+def members_or_path(
+    source: AnyPath | Mapping[str, object] | None, kind: str, failure: type[PmpnbpError]
+) -> Path | Mapping[str, object] | None:
+    """What a file KIND.json says, or the path of one, or None. Raises `failure` for anything else."""
+    if source is None or isinstance(source, Mapping):
+        return source
+    if isinstance(source, str) and source.lstrip().startswith("{"):
+        raise failure(f"the {kind} is JSON text; expected the path of a {kind}.json, or its members as a dict")
+    if isinstance(source, str | PathLike):
+        return Path(source)
+    raise failure(f"the {kind} is {source!r:.60}; expected the path of a {kind}.json, or its members as a dict")

@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
 
-from pmpnbp.errors import RecordingError
+from pmpnbp.errors import IterationError, RecordingError
 from pmpnbp.inference.arrival import present
 from pmpnbp.library.drawing import Drawing
 from pmpnbp.library.estimate import Estimate
@@ -54,9 +54,13 @@ class Playback:
         return (self._iteration(number) for number in numbers if number < len(self))
 
     def estimate(self, iteration: int = -1) -> Estimate:
-        """That of an iteration, the newest by default, see `Iteration.estimate`. Raises IndexError, and RecordingError
-        where the iteration was thinned out."""
-        return self[iteration].estimate()
+        """That of an iteration, the newest by default, see `Iteration.estimate`. Raises IterationError where it is not
+        in the recording, or was thinned out."""
+        try:
+            found = self[iteration]
+        except IndexError as error:
+            raise IterationError(str(error)) from None
+        return found.estimate()
 
     def close(self) -> None:
         """Let the file go. A second call does nothing."""

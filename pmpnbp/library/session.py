@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -16,19 +16,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmpnbp.errors import EstimateError, RecordingError, ScanError, SettingError
+from pmpnbp.errors import EstimateError, PriorError, RecordingError, ScanError, SettingError
 from pmpnbp.inference import run
 from pmpnbp.inference.arrival import SCAN_MODES, ScanMode, present
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.run import Step
 from pmpnbp.library.drawing import Drawing
 from pmpnbp.library.estimate import Estimate
-from pmpnbp.library.inputs import AnyPath, CameraSource, Model, load_model, load_scan
+from pmpnbp.library.inputs import AnyPath, CameraSource, Model, load_model, load_scan, members_or_path
 from pmpnbp.library.iteration import Iteration
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.mixture import at_rest
 from pmpnbp.readout.snapshot import Criteria, Snapshot, snapshot
 from pmpnbp.recording import Change, Inputs, RecordingWriter, prepare
+from pmpnbp.scene.common_scene import check_views, one_frame
 from pmpnbp.scene.observation import Scan
 from pmpnbp.scene.truth_file import load_truth
 from pmpnbp.settings import SessionOptions, changed, checked_option, preset
@@ -83,7 +84,7 @@ class Session:
             loaded.path,
             _scans(scans, camera),
             None if roi is None else _box(roi),
-            Path(prior) if isinstance(prior, str | PathLike) else prior,
+            members_or_path(prior, "prior", PriorError),
             asked,
             particles=checked_option("particles", particles),
             seed=checked_option("seed", seed),
@@ -118,7 +119,10 @@ class Session:
         return self._step.converged and not self._changed
 
     def step(self, iterations: int = 1) -> Iteration:
-        """Make so many iterations; the last of them. Raises RecordingError where one cannot be recorded."""
+        """Make so many iterations; the last of them. Raises SettingError where they are no number, and RecordingError
+        where one cannot be recorded."""
+        if not isinstance(iterations, int | np.integer) or iterations < 0:
+            raise SettingError(f"iterations to make are {iterations!r:.60}; expected a whole number, 0 or more")
         for _ in range(iterations):
             self._advance(self._following)
         return self._newest
@@ -137,7 +141,9 @@ class Session:
         scene that has moved on. Raises ScanError; nothing is changed then."""
         if mode not in SCAN_MODES:
             raise SettingError(f"mode is {mode!r:.60}; it can be {' or '.join(SCAN_MODES)}")
-        self._apply(Change(self._newest.number, scan=_scan(scan, camera), mode=mode))
+        found = _scan(scan, camera)
+        one_frame((self._problem.observation.frame_id, found.frame_id))
+        self._apply(Change(self._newest.number, scan=found, mode=mode))
 
     # Reading
 
@@ -230,6 +236,7 @@ class Session:
         changes = [*self._changes, change]
         came = [(one.after_iteration, one.scan, one.mode) for one in changes if one.scan is not None]
         scans, arrival = present(self._first.scans, came)
+        check_views(scans)
         inputs = replace(inputs, scans=scans, arrival=arrival)
         same = inputs.settings.triangles == self._inputs.settings.triangles
         problem = inputs.problem(self._problem.mrf.model if same else None)
@@ -299,8 +306,7 @@ def _scans(
     scans: ScanSource | Sequence[ScanSource], camera: CameraSource | Sequence[CameraSource] | None
 ) -> list[Scan]:
     """With the camera of each: none, one for all, or one each."""
-    sources = [scans] if isinstance(scans, Scan | str | PathLike | np.ndarray) else [*scans]
-    cameras = [camera] if camera is None or isinstance(camera, str | PathLike | Mapping) else [*camera]
+    sources, cameras = _listed(scans), _listed(camera)
     if not sources:
         raise ScanError("no scan was given; expected at least one")
     if len(cameras) == 1:
@@ -308,6 +314,12 @@ def _scans(
     if len(cameras) != len(sources):
         raise ScanError(f"{len(cameras)} cameras were given for {len(sources)} scans; expected one for all or for each")
     return [_scan(source, of_it) for source, of_it in zip(sources, cameras, strict=True)]
+
+
+def _listed(given: Any) -> list[Any]:
+    """What is given as one or as several, as a list; what is neither is one, of which it is said where it is read."""
+    alone = isinstance(given, Scan | str | bytes | PathLike | Mapping | np.ndarray) or not isinstance(given, Iterable)
+    return [given] if alone else [*given]
 
 
 def _scan(source: ScanSource, camera: CameraSource | None) -> Scan:

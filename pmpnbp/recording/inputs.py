@@ -26,6 +26,7 @@ from pmpnbp.names import name_fault
 from pmpnbp.recording.changes import changes, first_scans
 from pmpnbp.recording.scans import store_scan
 from pmpnbp.scene.articulated_object import ArticulatedObject
+from pmpnbp.scene.common_scene import check_views
 from pmpnbp.scene.model_files import ModelLimits, open_model
 from pmpnbp.scene.observation import Observation, Scan
 from pmpnbp.scene.prior import GaussianPrior, Orientation, UniformPrior, load_prior
@@ -89,6 +90,7 @@ def prepare(
     known_observation : what `scene.observe` makes of the scans, where that was done already
     Raises PmpnbpError for what does not fit together.
     """
+    check_views(scans)
     found = known_model or load_model(model, triangle_budget=settings.triangles)
     known = UniformPrior("upright") if prior is None else load_prior(prior, found)
     box = None if roi is None else np.array(roi, dtype=np.float64)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from pmpnbp.errors import ScanError
 from pmpnbp.geometry import poses
-from pmpnbp.geometry.poses import IDENTITY, Array
+from pmpnbp.geometry.poses import Array
+from pmpnbp.scene.common_scene import common_frame, has_pose
 from pmpnbp.scene.depth_distortion import depth_distortion
 from pmpnbp.scene.flying_pixels import without_flying_pixels
 from pmpnbp.scene.normals import surface_normals
@@ -32,6 +33,7 @@ from pmpnbp.scene.observation import (
 )
 from pmpnbp.scene.patches import patch_lengths
 from pmpnbp.scene.support_planes import ScenePoints, find_support_planes, flat_surfaces
+from pmpnbp.scene.units_check import check_units
 from pmpnbp.scene.work_image import WorkImage, work_image
 
 # Pixels of the work image kept around the region's points; of a small image not more than one in so many of its width,
@@ -68,8 +70,8 @@ def observe(
     plane_tolerance, plane_tolerance_growth : metres, and metres per metre of depth squared: a pixel is on a support
         plane where it is within tolerance + growth z² of it
 
-    Raises ScanError where there is no scan, the scans' world frames differ, the region is not a box, or no measured
-    point lies in it.
+    Raises ScanError where there is no scan, the scans' world frames differ, an object of that length can hardly be in
+    them, the region is not a box, or no measured point lies in it.
     """
     frame = common_frame(scans)
     if width < LEAST_WIDTH:
@@ -77,6 +79,7 @@ def observe(
     roi = None if roi is None else _checked_roi(roi)
     margin = 0 if roi is None else min(MARGIN, width // MARGIN_SHARE)
     scans = [replace(scan, depth=without_flying_pixels(scan.depth)) for scan in scans]
+    check_units(length, scans)
     images = [work_image(scan, _in_region(scan, roi), width, margin, length) for scan in scans]
     if all(image is None for image in images):
         raise ScanError(_nothing_in(scans, roi))
@@ -107,16 +110,6 @@ def observe(
         frame,
         max(stamps, default=None),
     )
-
-
-def common_frame(scans: Sequence[Scan]) -> str:
-    """The name of the scans' world frame. Raises ScanError where there is no scan, or their world frames differ."""
-    if not scans:
-        raise ScanError("no scan was given; expected at least one")
-    frames = sorted({scan.frame_id for scan in scans})
-    if len(frames) > 1:
-        raise ScanError(f"the scans are in different world frames, {', '.join(frames)}; expected one frame for all")
-    return frames[0]
 
 
 def _checked_roi(roi: Array) -> Array:
@@ -293,11 +286,6 @@ def _but(observation: Observation, chosen: Sequence[NDArray[np.bool_]], category
         points.append(view_points)
         normals.append(view_normals)
     return replace(observation, views=tuple(views), points=np.concatenate(points), normals=np.concatenate(normals))
-
-
-def has_pose(scans: Sequence[Scan]) -> bool:
-    """Whether a scan says where its camera is, so that world's z is up."""
-    return any(not np.array_equal(scan.camera.pose_world_camera, IDENTITY) for scan in scans)
 
 
 def presumed_up(scans: Sequence[Scan], up: Array | None) -> Array:

@@ -23,8 +23,9 @@ from scipy.spatial import cKDTree
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.scene.articulated_object import ArticulatedObject
+from pmpnbp.scene.common_scene import common_frame, has_pose
 from pmpnbp.scene.observation import Scan
-from pmpnbp.scene.observe import common_frame, has_pose, presumed_up, scene_points, up_direction
+from pmpnbp.scene.observe import presumed_up, scene_points, up_direction
 from pmpnbp.scene.region import Region
 from pmpnbp.scene.shape_fit import Shapes, best_fit, shapes
 from pmpnbp.scene.sizes_over_joints import reaches, sides, sides_over_joints, united

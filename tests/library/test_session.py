@@ -92,6 +92,8 @@ def test_an_iteration_tells_its_belief(estimated: tuple[pmpnbp.Estimate, Path]) 
             recorded[1].message("frame", "drawer1")
         with pytest.raises(IndexError, match=f"it has 0 to {len(recorded) - 1}"):
             recorded[len(recorded)]
+        with pytest.raises(pmpnbp.PmpnbpError, match=f"it has 0 to {len(recorded) - 1}"):
+            recorded.estimate(len(recorded))
 
 
 def test_changes_hold_from_the_next_iteration_on_and_are_recorded(tmp_path: Path) -> None:
@@ -181,6 +183,11 @@ def test_the_picture_and_the_draws_are_at_hand(estimated: tuple[pmpnbp.Estimate,
         ({"camera": {"width": 3}}, "the camera has no 'height'"),
         ({"camera": [SCENE / "camera.json"] * 2}, "2 cameras were given for 1 scans; expected one for all or for each"),
         ({"prior": {"kind": "none"}}, "'kind' of the prior is 'none'"),
+        ({"camera": b"{}"}, r"the camera is b'{}'; expected the path of a camera\.json, or its members as a dict"),
+        ({"camera": ' {"width": 3}'}, r"the camera is JSON text; expected the path of a camera\.json, or its members"),
+        ({"prior": 5}, r"the prior is 5; expected the path of a prior\.json, or its members as a dict"),
+        ({"prior": '{"kind": "uniform"}'}, r"the prior is JSON text; expected the path of a prior\.json"),
+        ({"max_std": 0}, "'max_std' is 0; expected metres above zero"),
         ({"prior": "no.json"}, "prior file 'no.json' cannot be read"),
         ({"truth": "no.json"}, "truth file 'no.json' cannot be read"),
     ],
@@ -193,6 +200,45 @@ def test_what_is_of_no_use_is_said_in_a_sentence(more: dict[str, Any], sentence:
 def test_no_scan_at_all_is_said() -> None:
     with pytest.raises(pmpnbp.PmpnbpError, match="no scan was given"):
         pmpnbp.Session(MODEL, [], **SCAN)
+    with pytest.raises(pmpnbp.PmpnbpError, match="a scan is 5; expected the path of a file, an array, or what"):
+        pmpnbp.Session(MODEL, 5, **SCAN)  # type: ignore[arg-type]
+    with pytest.raises(pmpnbp.PmpnbpError, match="the model is 5; expected the path of a URDF or zip"):
+        pmpnbp.Session(5, SCENE / "depth.png", **SCAN)  # type: ignore[arg-type]
+
+
+def test_scans_that_do_not_go_together_are_refused_and_change_nothing() -> None:
+    camera = json.loads((SCENE / "camera.json").read_text())
+    scan = pmpnbp.load_scan(SCENE / "depth.png", camera)
+    without = pmpnbp.load_scan(SCENE / "depth.png", {**camera, "T_world_camera": None})
+    elsewhere = pmpnbp.load_scan(SCENE / "depth.png", {**camera, "frame_id": "map"})
+    twice = "scan 2 of 2 is scan 1 again"
+    for other, mode, sentence in (
+        (scan, "joins", twice),
+        (without, "joins", "scan 2 of 2 has no camera pose"),
+        (elsewhere, "joins", "in different world frames, map, world"),
+        (elsewhere, "replaces", "in different world frames, map, world"),
+    ):
+        if mode == "joins":
+            with pytest.raises(pmpnbp.PmpnbpError, match=sentence):
+                pmpnbp.Session(MODEL, [scan, other], roi=ROI, **SMALL)
+        with session() as kept:
+            with pytest.raises(pmpnbp.PmpnbpError, match=sentence):
+                kept.add_scan(other, mode=mode)  # type: ignore[arg-type]
+            assert kept._inputs.scans == kept._first.scans and not kept._changes
+    files = [str(SCENE / "depth.png")] * 2
+    words = ["estimate", str(MODEL), *files, "--camera", str(SCENE / "camera.json"), "--quiet"]
+    assert cli.main(words) == 2
+    with session() as moved:
+        moved.add_scan(scan, mode="replaces")  # a scene that has moved on may look the same
+        assert moved.step().number == 1
+
+
+@pytest.mark.parametrize("iterations", [-1, 1.5, "2", None])
+def test_steps_that_are_no_number_are_refused(iterations: Any) -> None:
+    with session() as kept:
+        with pytest.raises(pmpnbp.PmpnbpError, match=f"iterations to make are {iterations!r}; expected a whole number"):
+            kept.step(iterations)
+        assert kept.step(0).number == 0
 
 
 def test_a_change_that_is_none_changes_nothing() -> None:

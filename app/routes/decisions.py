@@ -12,7 +12,7 @@ from fastapi import APIRouter, Query, Request
 from app import schemas_results as schemas
 from app.next_views import WORTH, next_views, ranking, uncertain
 from app.problems import HttpProblem, responses
-from app.routes.parameters import Iteration, SessionId, told
+from app.routes.parameters import LINK_NAMES, Iteration, SessionId, told, told_of_links
 from app.routes.turns import long_turn
 from app.schemas import DecisionRequest
 from app.sessions.source import Source
@@ -40,7 +40,7 @@ async def get_decision(
     session_id: SessionId,
     request: Request,
     links: Annotated[
-        str | None, Query(description="names of the links, separated by commas; default: all", examples=["drawer3"])
+        list[str] | None, Query(max_length=1000, description=f"{LINK_NAMES}; default: all", examples=[["drawer3"]])
     ] = None,
     max_std: Annotated[
         float | None,
@@ -51,10 +51,9 @@ async def get_decision(
     """By the newest iteration, or the one that is named: act where every asked link is certain, no_fit where what
     should be seen is not seen, else look, with views from around the object, that tell most first. The posterior is
     read out for it, where the inference is not at rest; during the search there is none, and nothing to act on."""
-    asked = None if links is None else list(dict.fromkeys(links.split(",")))
-    session, snapshot = await told(request, session_id, iteration, asked or ())
+    session, snapshot, asked = await told_of_links(request, session_id, iteration, links)
     async with long_turn(request):
-        return await anyio.to_thread.run_sync(_decided, session, snapshot, asked, max_std, None)
+        return await anyio.to_thread.run_sync(_decided, session, snapshot, asked or None, max_std, None)
 
 
 @router.post(

@@ -5,7 +5,7 @@ and what the call gets for it.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Annotated
 
 import anyio.to_thread
@@ -23,6 +23,12 @@ SourceId = Annotated[str, Path(description="id of the session, or of an uploaded
 Iteration = Annotated[
     int | None, Query(ge=0, le=2**31, description="number of the iteration, 0 is the start; default: the newest")
 ]
+
+# Of a query's `links`.
+LINK_NAMES = (
+    "names of links, each as a `links` of its own, or several with commas between; what is a link's name as it stands "
+    "counts as that, though it has a comma"
+)
 
 
 def sessions_of(request: Request) -> Sessions:
@@ -67,6 +73,18 @@ async def told(
     async with short_turn(request):
         source, snapshot = await anyio.to_thread.run_sync(read, request, session_id, iteration, links)
     return source, await read_out(request, source, snapshot)
+
+
+async def told_of_links(
+    request: Request, session_id: str, iteration: int | None, listed: Sequence[str] | None
+) -> tuple[Source, Snapshot, list[str]]:
+    """What `told` gives, and the links that `links` of a query names; none where it names none."""
+    async with short_turn(request):
+        source, snapshot = await anyio.to_thread.run_sync(read, request, session_id, iteration)
+    known = snapshot.problem.mrf.model.links
+    asked = [name for entry in listed or () for name in ([entry] if entry in known else entry.split(","))]
+    check_links(snapshot, asked)
+    return source, await read_out(request, source, snapshot), list(dict.fromkeys(asked))
 
 
 async def read_out(request: Request, source: Source, snapshot: Snapshot) -> Snapshot:

@@ -16,7 +16,7 @@ from app.documentation import answer
 from app.particle_files import Format, written
 from app.problems import HttpProblem, responses
 from app.routes.named import Link, NamedRoute
-from app.routes.parameters import Iteration, SessionId, find_source, read_out, told
+from app.routes.parameters import LINK_NAMES, Iteration, SessionId, find_source, read_out, told, told_of_links
 from app.routes.particle_answers import FILES, FormatQuery, file_of, members_of
 from app.routes.turns import short_turn
 from app.sessions.source import Source
@@ -131,8 +131,8 @@ async def get_posterior_coordinates(
     request: Request,
     iteration: Iteration = None,
     links: Annotated[
-        str | None,
-        Query(description="names of links, separated by commas; default: the joints alone", examples=["drawer2"]),
+        list[str] | None,
+        Query(max_length=1000, description=f"{LINK_NAMES}; default: the joints alone", examples=[["drawer2"]]),
     ] = None,
     form: Annotated[
         Literal["json", "npz"],
@@ -145,8 +145,7 @@ async def get_posterior_coordinates(
 ) -> Response:
     """Positions of the joints, and where the asked links are and how they are turned, in every draw of the posterior:
     what to set against each other, to see what the scan ties together."""
-    asked = [] if links is None else list(dict.fromkeys(links.split(",")))
-    session, snapshot = await told(request, session_id, iteration, asked)
+    session, snapshot, asked = await told_of_links(request, session_id, iteration, links)
     async with short_turn(request):
         return await anyio.to_thread.run_sync(_coordinates if form == "json" else _all_draws, session, snapshot, asked)
 

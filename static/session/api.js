@@ -39,6 +39,8 @@ export async function call(path, { method = "GET", body, signal } = {}) {
 export const sessionPath = (id) => `/api/v1/sessions/${encodeURIComponent(id)}`;
 export const iterationQuery = (iteration) =>
   iteration === null || iteration === undefined ? "" : `?iteration=${iteration}`;
+// To be put behind another; each name by itself, as it may have a comma.
+export const linksQuery = (links) => links.map((link) => `&links=${encodeURIComponent(link)}`).join("");
 
 // Server-sent events that come back by themselves. `handlers` maps kinds to functions of the data; `opened` hears of each
 // connection, `lost` of each break that lasts, `refused` of an end that the server means.

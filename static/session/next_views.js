@@ -2,7 +2,7 @@
 // scan is expected to tell most, best first; the 3D view draws them as numbered cameras. They are asked for unasked: at
 // rest that takes less time than two iterations.
 
-import { call, iterationQuery, sessionPath } from "./api.js";
+import { call, iterationQuery, linksQuery, sessionPath } from "./api.js";
 import { byId, h, reconcile, sentence, setText } from "./dom.js";
 import { fineCentimetres, largest, nats, percent, plural } from "./format.js";
 import { colour, hasPosterior, onTheme, partNamed, partOfLink, state, subscribe } from "./state.js";
@@ -52,9 +52,8 @@ function key() {
 async function fetchViews() {
   if (!wanted()) return;
   const asked = key();
-  const links = encodeURIComponent(uncertain().join(","));
-  const path = `${sessionPath(state.id)}/decision${iterationQuery(state.estimate.iteration)}&links=${links}`;
-  answered = { asked, ...(await call(path)) };
+  const path = `${sessionPath(state.id)}/decision${iterationQuery(state.estimate.iteration)}`;
+  answered = { asked, ...(await call(`${path}${linksQuery(uncertain())}`)) };
   if (state.view.next_view !== null) changeView({ next_view: null }); // it was one of others
   show();
 }

@@ -1,7 +1,7 @@
 // What does the scan tie together? The posterior's draws in two coordinates of the object, a joint's position or a
 // number of a link's pose, that two lists choose; drawn by pair_canvas.js. Asked for while it is open.
 
-import { call, iterationQuery, sessionPath } from "./api.js";
+import { call, iterationQuery, linksQuery, sessionPath } from "./api.js";
 import { byId, h, sentence } from "./dom.js";
 import { DEGREES, number, percent, plural } from "./format.js";
 import { MODE_COLOURS, paintPair } from "./pair_canvas.js";
@@ -53,7 +53,7 @@ function key() {
 async function fetchDraws() {
   if (!hasPosterior(state.estimate)) return;
   const path = `${sessionPath(state.id)}/posterior${iterationQuery(state.estimate.iteration)}`;
-  const found = await call(`${path}&links=${encodeURIComponent(links().join(","))}`);
+  const found = await call(`${path}${linksQuery(links())}`);
   answer = { ...found, weights: found.log_weights.map((one) => (one === null ? 0 : Math.exp(one))) };
   show();
 }

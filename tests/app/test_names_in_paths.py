@@ -51,6 +51,28 @@ def test_a_link_is_found_by_its_encoded_name(client: httpx.Client, name: str) ->
     assert (view.status_code, view.json()["part"]) == (200, name)
 
 
+def test_names_with_commas_are_found_in_a_query(client: httpx.Client) -> None:
+    path, _ = session(client, "a", "a,b")
+    for call in ("decision", "posterior"):
+
+        def asked(*links: str, call: str = call) -> httpx.Response:
+            return client.get(f"{path}/{call}", params={"links": links})
+
+        for links, names in (
+            (("a,b",), ["a,b"]),
+            (("a", "a,b", "a"), ["a", "a,b"]),
+            (("drawer2,a", "a,b"), ["drawer2", "a", "a,b"]),
+        ):
+            told = asked(*links).raise_for_status().json()
+            found = told["links"] if call == "decision" else dict.fromkeys(one["link"] for one in told["coordinates"])
+            assert [name for name in found if name] == names
+        small.problem(asked("a,b", "a,c"), 404, "link 'c' is not in the model; it has a, a,b")
+        small.problem(asked(""), 404, "link '' is not in the model")
+        declared = client.get("/openapi.json").json()["paths"][f"/api/v1/sessions/{{session_id}}/{call}"]["get"]
+        (links_of_it,) = (one for one in declared["parameters"] if one["name"] == "links")
+        assert {"type": "string"} in [one.get("items") for one in links_of_it["schema"]["anyOf"]]
+
+
 def test_slashes_that_are_not_encoded_are_told_apart_where_they_can_be(client: httpx.Client) -> None:
     path, _ = session(client, "robot/base", "robot/drawer1")
     for call in ("", "/marginals", "/particles/3"):

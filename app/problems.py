@@ -36,7 +36,7 @@ MEANINGS: Mapping[int, str] = {
     408: "The body came too slowly.",
     409: "The present state does not allow it; the detail names the state.",
     413: "Larger than this server takes.",
-    415: "The body is of another media type than the call takes.",
+    415: "The body is of another media type than the call takes, or has a Content-Encoding.",
     416: "The range is beyond the file's end.",
     422: "Well-formed, but not acceptable; the detail says what came and what was expected.",
     429: "Too many requests, sessions or clients; try again after `Retry-After` seconds.",

@@ -25,7 +25,7 @@ _BUSY_SECONDS = 0.05
 
 
 class Bodies:
-    """Takes bodies in, or answers 408 or 413. uploads : paths whose POST is an upload"""
+    """Takes bodies in, or answers 408, 413 or 415. uploads : paths whose POST is an upload"""
 
     def __init__(self, app: ASGIApp, config: ServerConfig, uploads: frozenset[str]) -> None:
         self._app = app
@@ -37,13 +37,19 @@ class Bodies:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        in_time = _InTime(receive, self._seconds)
-        if scope["method"] == "POST" and scope["path"] in self._uploads:
-            await self._app(scope, in_time, send)
-            return
         headers = Headers(scope=scope)
         if headers.get("content-length", "0") == "0" and "transfer-encoding" not in headers:
             await self._app(scope, receive, send)
+            return
+        coding = headers.get("content-encoding", "identity")
+        if coding.lower() != "identity":
+            said = f"the body has the Content-Encoding {coding:.60}; expected none, the body as it is"
+            coded = HttpProblem(415, said, headers={"Accept-Encoding": "identity"})
+            await problem_response(coded)(scope, receive, send)
+            return
+        in_time = _InTime(receive, self._seconds)
+        if scope["method"] == "POST" and scope["path"] in self._uploads:
+            await self._app(scope, in_time, send)
             return
         try:
             body = await _whole(in_time, headers.get("content-length", ""))

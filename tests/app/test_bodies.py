@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import asyncio
 import json
 import socket
@@ -75,6 +76,17 @@ def test_another_media_type_is_named(served: Any, kind: str | None) -> None:
     headers = {} if kind is None else {"Content-Type": kind}
     said = detail(served.client.post("/api/v1/sessions", content=b"{}", headers=headers), 415)
     assert said == f"the body is {kind or 'of no type'}; expected application/json"
+
+
+@pytest.mark.parametrize("path", ["/api/v1/sessions", "/api/v1/models"])
+def test_a_body_that_is_packed_is_refused_by_the_name_of_its_coding(served: Any, path: str) -> None:
+    content = gzip.compress(b"{}")
+    answer = served.client.post(path, content=content, headers=JSON | {"Content-Encoding": "gzip"})
+    assert detail(answer, 415) == "the body has the Content-Encoding gzip; expected none, the body as it is"
+    assert answer.headers["accept-encoding"] == "identity"
+    plain = JSON | {"Content-Encoding": "Identity"}
+    detail(served.client.post("/api/v1/sessions", content=b"{}", headers=plain), 422)
+    assert served.client.get("/api/v1/sessions", headers={"Content-Encoding": "gzip"}).status_code == 200
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Can scans be views of one scene? They share a world frame, each tells where its camera stood, and none comes twice."""
+"""Can scans be views of one scene? They share a world frame, each tells where its camera stood, none comes twice."""
 
 from __future__ import annotations
 

@@ -24,8 +24,8 @@ from pmpnbp.scene.observation import View
 MISSED, FEWEST_PIXELS, IN_SIGHT = 0.25, 20, 0.3
 # A part is denied where a larger share of its pixels that are in sight, of as many at least, is seen through: of all of
 # them, or in clumps of so many within its outline, as where a handle is not, or the side of a drawer. Along outlines a
-# pixel here and there always is: one there counts for a part of one, as of a frame or a narrow strip most are there. The
-# root, which all others hang on, is so for more of the latter.
+# pixel here and there always is: there one counts for a part of one, as a frame or a narrow strip has most of its own
+# there. The root, which all others hang on, is so for more of the latter.
 DENIED, DENIED_WITHIN, ROOT_DENIED, CLUMP = 0.15, 0.015, 0.08, 4
 ALONG_OUTLINE = 0.33
 # Pixels that touch one another, at corners too.

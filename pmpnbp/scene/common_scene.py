@@ -29,19 +29,13 @@ def one_frame(names: Iterable[str]) -> str:
 
 def has_pose(scans: Sequence[Scan]) -> bool:
     """Whether a scan says where its camera is, so that world's z is up."""
-    return any(map(_is_posed, scans))
+    return any(not np.array_equal(scan.camera.pose_world_camera, IDENTITY) for scan in scans)
 
 
 def check_views(scans: Sequence[Scan]) -> None:
-    """Raise ScanError where scans that count together cannot: there is none, their world frames differ, some have a
-    camera pose and one has none, or one is given twice. Two scans from one place are two: each has its own noise."""
+    """Raise ScanError where scans that count together cannot: there is none, their world frames differ, or one is given
+    twice. Two scans from one place are two: each has its own noise."""
     common_frame(scans)
-    posed = [_is_posed(scan) for scan in scans]
-    if any(posed) and not all(posed):
-        raise ScanError(
-            f"scan {posed.index(False) + 1} of {len(scans)} has no camera pose, or the identity, and scan "
-            f"{posed.index(True) + 1} has one; expected T_world_camera for each of them, in one world whose z is up"
-        )
     for second, scan in enumerate(scans):
         for first, other in enumerate(scans[:second]):
             if _same_view(other, scan):
@@ -49,10 +43,6 @@ def check_views(scans: Sequence[Scan]) -> None:
                     f"scan {second + 1} of {len(scans)} is scan {first + 1} again, with the same depths and camera "
                     "pose; expected each view once, as one that counts twice makes the estimate surer than it is"
                 )
-
-
-def _is_posed(scan: Scan) -> bool:
-    return not np.array_equal(scan.camera.pose_world_camera, IDENTITY)
 
 
 def _same_view(one: Scan, other: Scan) -> bool:

@@ -57,9 +57,7 @@ def test_a_name_and_tags_are_said_at_once_and_kept(shared: Any, client: httpx.Cl
 
 def test_a_session_without_a_name_is_called_by_its_files(client: httpx.Client, ids: dict[str, str], path: str) -> None:
     assert client.get(path).json()["name"] == "cabinet in depth.png"
-    points = {"file": ("left view.xyz", b"0 0 1\n0 1 1\n1 0 1\n" * 40)}
-    camera = {"camera": (small.CABINET / "second_view" / "camera.json").read_text()}
-    second = client.post("/api/v1/scans", files=points, data=camera).json()["id"]
+    second = client.post("/api/v1/scans", files={"file": ("left view.xyz", b"0 0 1\n0 1 1\n1 0 1\n" * 40)}).json()["id"]
     blank = small.create(client, name=" ", **ids)
     assert client.get(blank).json()["name"] == "cabinet in depth.png"
     body = small.body(ids["model_id"], ids["scan_id"], scan_ids=[ids["scan_id"], second], tags=["two views"])

@@ -15,7 +15,6 @@ from tests.app import small_sessions as small
 from tests.app.small_sessions import problem
 
 TWICE = "scan 2 of 2 is scan 1 again, with the same depths and camera pose; expected each view once"
-POSELESS = "scan 2 of 2 has no camera pose, or the identity, and scan 1 has one; expected T_world_camera for each"
 FRAMES = "the scans are in different world frames, map, world; expected one frame for all"
 
 
@@ -72,16 +71,6 @@ def test_all_are_in_one_world(client: httpx.Client, path: str, scan_id: str) -> 
     for mode in ("joins", "replaces"):
         problem(client.post(f"{path}/scans", json={"scan_id": other, "mode": mode}), 422, FRAMES)
     assert client.get(path).json() == before
-
-
-def test_where_one_has_a_pose_all_have(client: httpx.Client, path: str, scan_id: str) -> None:
-    other = upload(client, "second_view", T_world_camera=None)
-    refused(client, path, [scan_id, other], POSELESS)
-    before = client.get(path).json()
-    problem(client.post(f"{path}/scans", json={"scan_id": other}), 422, POSELESS)
-    assert client.get(path).json() == before
-    alone = small.create(client, scan_id=other, roi=None)
-    assert client.delete(alone).status_code == 204
 
 
 def test_an_older_servers_session_counts_an_id_once_that_was_given_twice(serve: Callable[..., Any]) -> None:

@@ -383,8 +383,8 @@ def test_what_is_told_of_a_part_and_its_own_smooth_error_add_up(rng: np.random.G
 
 @pytest.mark.parametrize("finer", [1.0, 2.0])
 def test_smooth_errors_leave_a_face_as_many_depths_as_it_has_patches(finer: float) -> None:
-    """A plate that fills the picture, 2 m away, whose depths err alike over patches of ALIKE radians: how far away it is
-    is told as by one depth of each, however many pixels a patch has."""
+    """A plate that fills the picture, 2 m away, whose depths err alike over patches of ALIKE radians: its distance is
+    told as by one depth of each, however many pixels a patch has."""
     width, height = round(160 / finer), round(120 / finer)
     camera = Camera(width, height, 200 / finer, 200 / finer, width / 2 - 0.5, height / 2 - 0.5)
     depth, number = np.full((height, width), 2.0, dtype=np.float32), np.zeros((height, width), dtype=np.int16)

@@ -117,7 +117,8 @@ def test_a_mesh_in_another_case_is_told_of(tmp_path: Path, pack: Callable[..., P
     path.write_text("<robot/>")
     for name in ("meshes/arm.stl", "./Meshes/arm.STL", "package://robot/meshes/Arm.stl"):
         assert sentence(path, filename=name) == (
-            f"mesh '{name}' of link 'a' is missing; there is 'Meshes/Arm.STL', which differs in upper and lower case only"
+            f"mesh '{name}' of link 'a' is missing; there is 'Meshes/Arm.STL', which differs in upper and lower case "
+            "only"
         )
     assert sentence(path, filename="meshes/leg.stl") == "mesh 'meshes/leg.stl' of link 'a' is missing"
     assert "Secret" not in sentence(path, filename="Door/secret.stl")

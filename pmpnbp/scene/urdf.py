@@ -124,14 +124,13 @@ def _narrowed(followed: Joint, joint: Joint) -> Joint:
     low, high = _taken_to(joint, followed)
     ends = sorted((end - joint.offset) / joint.multiplier for end in (joint.lower, joint.upper))
     lower, upper = max(followed.lower, ends[0]), min(followed.upper, ends[1])
-    # limits that meet in one position are most often of a multiplier with the wrong sign
-    if lower > upper or (lower == upper and followed.lower < followed.upper):
-        apart = "wholly outside" if lower > upper else "to one position alone of"
+    if lower > upper:
         raise ModelError(
-            f"joint '{joint.name}' mimics '{followed.name}', which takes it to {low:g} … {high:g}, {apart} its own "
-            f"limits {joint.lower:g} … {joint.upper:g}"
+            f"joint '{joint.name}' mimics '{followed.name}', which takes it to {low:g} … {high:g}, wholly outside its "
+            f"own limits {joint.lower:g} … {joint.upper:g}"
         )
-    if (lower, upper) == (followed.lower, followed.upper):
+    # limits that meet in one position are most often those of a multiplier of the other sign, as of grippers' fingers
+    if lower == upper or (lower, upper) == (followed.lower, followed.upper):
         return followed
     kind = "revolute" if followed.kind == "continuous" else followed.kind
     return replace(followed, kind=kind, lower=lower, upper=upper)
@@ -139,8 +138,9 @@ def _narrowed(followed: Joint, joint: Joint) -> Joint:
 
 def _following(joint: Joint, followed: Joint) -> Joint:
     lower, upper = _taken_to(joint, followed)
-    if joint.kind != "continuous":  # by rounding alone
-        lower, upper = max(joint.lower, lower), min(joint.upper, upper)
+    own = max(joint.lower, lower), min(joint.upper, upper)
+    if joint.kind != "continuous" and own[0] < own[1]:  # they differ by rounding alone
+        lower, upper = own
     return replace(joint, coordinates=followed.coordinates, lower=lower, upper=upper)
 
 

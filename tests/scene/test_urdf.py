@@ -258,13 +258,11 @@ def test_followers_that_turn_without_end_take_nothing_and_others_end_a_full_turn
     ]
 
 
-def test_a_follower_whose_limits_leave_one_position_is_an_error(load: Callable[..., ArticulatedObject]) -> None:
-    text = mimics('<limit lower="1.5" upper="4"/><mimic joint="first"/>')
-    with pytest.raises(ModelError) as caught:
-        load(text)
-    assert str(caught.value) == (
-        "joint 'second' mimics 'first', which takes it to -1 … 1.5, to one position alone of its own limits 1.5 … 4"
-    )
+def test_limits_that_leave_a_follower_one_position_are_passed_over(load: Callable[..., ArticulatedObject]) -> None:
+    """As of a finger that mimics another by -1, with the same limits: those of the other sign are meant. The third one's
+    still leave the first so much."""
+    model = load(mimics('<limit lower="1.5" upper="4"/><mimic joint="first"/>'))
+    assert [(one.lower, one.upper) for one in model.joints[:2]] == [(-0.25, 1.0), (-0.25, 1.0)]
     locked = mimics(
         '<limit lower="1.5" upper="1.5"/><mimic joint="first"/>', followed='<limit lower="1.5" upper="1.5"/>'
     )

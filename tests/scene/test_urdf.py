@@ -259,8 +259,8 @@ def test_followers_that_turn_without_end_take_nothing_and_others_end_a_full_turn
 
 
 def test_limits_that_leave_a_follower_one_position_are_passed_over(load: Callable[..., ArticulatedObject]) -> None:
-    """As of a finger that mimics another by -1, with the same limits: those of the other sign are meant. The third one's
-    still leave the first so much."""
+    """As of a finger that mimics another by -1, with the same limits: those of the other sign are meant. The third
+    one's still leave the first so much."""
     model = load(mimics('<limit lower="1.5" upper="4"/><mimic joint="first"/>'))
     assert [(one.lower, one.upper) for one in model.joints[:2]] == [(-0.25, 1.0), (-0.25, 1.0)]
     locked = mimics(

@@ -37,7 +37,7 @@ def test_a_view_added_over_rest_is_marked_on_the_timeline(page: Page, served: Se
     session = small.after(served.client, 2)
     page = opened(page, served, session)
     expect(page.locator(".mark.change")).to_have_count(0)
-    scan = small.upload_scan(served.client)
+    scan = small.upload_scan(served.client, "second_view")
     assert served.client.post(f"{session}/scans", json={"scan_id": scan}).status_code < 300
     expect(page.locator(".mark.change")).to_have_attribute("title", "after iteration 2 a view was added")
 

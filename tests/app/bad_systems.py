@@ -147,7 +147,7 @@ def _stored(server: OwnServer, client: httpx.Client) -> dict[str, str]:
     found = client.get(session).json()
     recording = client.get(f"{session}/recording").raise_for_status().content
     made = server.target.made_by("recordings", entries.upload_recording(client, recording))
-    further = server.target.made_by("scans", entries.upload_scan(client))
+    further = server.target.made_by("scans", entries.upload_further_scan(client))
     changed = entries.small_session(server.target, client, 5)
     return {
         "session_id": found["id"],

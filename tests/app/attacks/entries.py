@@ -38,6 +38,15 @@ def upload_scan(client: httpx.Client, camera: Mapping[str, Any] | str | None = N
     return client.post("/api/v1/scans", files={"file": ("depth.png", DEPTH)}, data={"camera": text})
 
 
+def upload_further_scan(client: httpx.Client) -> httpx.Response:
+    """The scan of the same cabinet from a second place, uploaded."""
+    folder = CABINET / "second_view"
+    camera = (folder / "camera.json").read_text(encoding="utf-8")
+    return client.post(
+        "/api/v1/scans", files={"file": ("depth.png", (folder / "depth.png").read_bytes())}, data={"camera": camera}
+    )
+
+
 def upload_recording(client: httpx.Client, content: bytes, name: str = "recording.sqlite") -> httpx.Response:
     """A recording, uploaded."""
     return client.post("/api/v1/recordings", files={"file": (name, content)})

@@ -50,7 +50,7 @@ def _made(server: OwnServer, client: httpx.Client, iterations: int = 5) -> tuple
     """A session's path, and the names of all that it stands on."""
     path = entries.small_session(server.target, client, iterations)
     found = client.get(path).json()
-    further = entries.upload_scan(client).json()["id"]
+    further = entries.upload_further_scan(client).json()["id"]
     return path, {
         "session_id": found["id"],
         "model_id": found["model_id"],

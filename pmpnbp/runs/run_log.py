@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pmpnbp.errors import RunError
+from pmpnbp.files import written_whole
 from pmpnbp.version import version
 
 NAME = "runs.jsonl"
@@ -74,9 +75,8 @@ class RunLog:
         return lines
 
     def _write(self, lines: list[Any]) -> None:
-        part = self.path.with_suffix(".part")
-        part.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
-        part.replace(self.path)
+        with written_whole(self.path) as part:
+            part.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
 
 
 def _key(asked: Asked) -> str:

@@ -5,7 +5,8 @@ object has many joints. Where the render lies near the scan, the depth residuals
 least squares over all pixels, in the root pose and all joint positions at once. What the residuals do not hold is as
 free as before, so draws about the step, spread as the least squares leave them, explore just that.
 
-The derivatives are differences of renders: joints of any kind, and parts that hide each other, need no formula.
+A pixel's depth changes as the face moves that it shows. How parts move is a difference of their poses, so that joints
+of any kind need no formula.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ from pmpnbp.potentials.joint_projection import LENGTH_PER_RADIAN
 from pmpnbp.potentials.unary import normal_equations
 from pmpnbp.settings import Schedule
 
-# Metres that a surface is moved for a difference of renders, at the rim of the largest part where it turns.
+# Metres that a surface is moved for a derivative, at the rim of the largest part where it turns.
 PROBE = 0.0005
-# A depth that changes by more than this many probes is another surface coming into view, and no derivative.
+# A surface seen so much aslant that its depth changes by more than this many times its motion is all outline.
 STEEPEST = 8.0
 NO_NUISANCES = np.zeros(0, dtype=np.int64)
 # Pixels take part whose residual is within so many times the tolerance: near it, and to be drawn in from farther away.
@@ -117,7 +118,7 @@ def linearised(
         signed,
         problem.score(tolerance),
         gates * tolerance,
-        STEEPEST * PROBE,
+        STEEPEST,
         nuisances,
     )
 

@@ -1,4 +1,5 @@
-"""The specification of articulated registration's normal equations: the same in plain NumPy, one object at a time."""
+"""The specification of articulated registration's normal equations, from differences of renders in plain NumPy, one
+object at a time."""
 
 from __future__ import annotations
 
@@ -6,7 +7,7 @@ import numpy as np
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import Problem
-from pmpnbp.inference.registration import PROBE, STEEPEST, moved, probes
+from pmpnbp.inference.registration import STEEPEST, moved, probes
 from pmpnbp.potentials.kernels.reference import patch_weights
 from pmpnbp.potentials.unary import render
 from pmpnbp.scene.observation import CONTINUED, OBJECT, SUPPORT, View
@@ -18,7 +19,8 @@ def linearised(
     """Of the pixels in which the object is compared with the scan: residual depths (P,), metres, their slopes
     (6 + D, P) by parameter, and weights (P,), the most that a pixel's score can be."""
     model, score = problem.mrf.model, problem.score(tolerance)
-    steps = probes(problem)
+    # a fifth of a probe: few pixels then show another face after the move than before it
+    steps = probes(problem) / 5
     blocked = ~model.wraps & (joints + steps[6:] > model.upper)
     signed = steps * np.concatenate([np.ones(6), np.where(blocked, -1.0, 1.0)])
     moves = np.concatenate([np.zeros((1, len(signed))), np.diag(signed)])
@@ -36,7 +38,9 @@ def linearised(
     for k, probe in enumerate(signed):
         after, owner = render(view.camera, problem.surfaces, part_poses[1 + k])
         change = after[pixels] - here
-        slopes[k] = np.where((owner[pixels] == part) & (np.abs(change) < STEEPEST * PROBE), change / probe, 0.0)
+        slopes[k] = np.where(owner[pixels] == part, change / probe, 0.0)
+    # the first three parameters move every surface along the axes
+    slopes *= np.linalg.norm(slopes[:3], axis=0) < STEEPEST
     return view.depth[pixels] - here, slopes, reward[pixels] * (here / score.unit_distance) ** 2
 
 

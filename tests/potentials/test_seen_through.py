@@ -60,7 +60,7 @@ def test_only_what_is_seen_through_tells_firm_pixels_from_others(rng: np.random.
                 *(unary_scores(one, PLATE, [0, 0], moved[:, 0], score, renderer=renderer) for one in (firm, others))  # type: ignore[arg-type]
             )
     equations = [
-        normal_equations(one, DRAWER, moved[None], np.array([[0.004]]), SCORE, np.array([0.02]), 0.05)
+        normal_equations(one, DRAWER, moved[None], np.array([[0.004]]), SCORE, np.array([0.02]), 8.0)
         for one in (firm, others)
     ]
     assert equations[0][0].min() > 1.0

@@ -99,7 +99,7 @@ def _add_object_range(
     room = scratch(mesh, view[2], view[3])
     patch_counts = patch_room(count, view[2])
     for i in range(start, len(poses), step):
-        box, stride = draw_object(poses[i], view, mesh, room, None, None)
+        box, stride = draw_object(poses[i], view, mesh, room, None)
         for k in range(len(terms)):
             one = terms[k]
             if robust and count > 1 and one[4] < _ONE:

@@ -26,7 +26,7 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 @inner(error_model="numpy")
 def scratch(mesh: Any, width: int, height: int) -> Any:
     """Memory to draw into, for one thread: the vertices' u, v and w; chosen faces; each part's box; the z-buffer and
-    each pixel's part."""
+    each pixel's face."""
     vertices, faces, parts = mesh[0].shape[1], mesh[1].shape[1], len(mesh[3]) - 1
     pixels = height * row_stride(width)
     return (
@@ -36,7 +36,7 @@ def scratch(mesh: Any, width: int, height: int) -> Any:
         np.empty(faces + 1, dtype=np.int32),
         np.empty((parts, 5), dtype=np.int64),
         np.empty(pixels, dtype=np.float32),
-        np.empty(pixels, dtype=np.int16),
+        np.empty(pixels, dtype=np.int32),
     )
 
 
@@ -78,9 +78,10 @@ def _choose_faces(faces: Any, one_sided: Any, box: Any, us: Any, vs: Any, chosen
 
 @inner(error_model="numpy")
 def _draw_projected(target: Any, box: Any, vertices: Any, faces: Any, one_sided: Any, chosen: Any) -> None:
-    """Draw a part's triangles into a buffer whose first pixel is the first of `box`. vertices : us, vs, ws; faces :
-    three arrays, as from `_rows`."""
+    """Draw a part's triangles into a buffer whose first pixel is the first of `box`. target : as of `scan_triangle`,
+    with the number of the part's first face; vertices : us, vs, ws; faces : three arrays, as from `_rows`."""
     us, vs, ws = vertices
+    buffer, owner, first, stride, width, height = target
     left, top = np.float32(box[0]), np.float32(box[2])
     for n in range(_choose_faces(faces, one_sided, box, us, vs, chosen)):
         f = np.uint32(chosen[n])
@@ -88,7 +89,7 @@ def _draw_projected(target: Any, box: Any, vertices: Any, faces: Any, one_sided:
         a = (us[i] - left, vs[i] - top, ws[i])
         b = (us[j] - left, vs[j] - top, ws[j])
         c = (us[k] - left, vs[k] - top, ws[k])
-        scan_triangle(target, a, b, c, SINGLE)
+        scan_triangle((buffer, owner, first + np.int64(f), stride, width, height), a, b, c, SINGLE)
 
 
 @inner(error_model="numpy")
@@ -96,6 +97,7 @@ def _draw_near(target: Any, box: Any, lens: Any, m: Any, vertices: Any, faces: A
     """As _draw_projected, from the vertices xs, ys, zs at pose m of a part that is partly before the near plane."""
     m00, m01, m02, m10, m11, m12, m20, m21, m22, tx, ty, tz = m
     xs, ys, zs = vertices
+    buffer, owner, first, stride, width, height = target
     corners, clipped = np.empty((3, 3)), np.empty((4, 3))
     for f in range(len(faces[0])):
         for corner in range(3):
@@ -104,7 +106,8 @@ def _draw_near(target: Any, box: Any, lens: Any, m: Any, vertices: Any, faces: A
             corners[corner, 0] = m00 * x + m01 * y + m02 * z + tx
             corners[corner, 1] = m10 * x + m11 * y + m12 * z + ty
             corners[corner, 2] = m20 * x + m21 * y + m22 * z + tz
-        scan_clipped(target, lens, float(box[0]), float(box[2]), corners, clipped)
+        numbered = (buffer, owner, first + np.int64(f), stride, width, height)
+        scan_clipped(numbered, lens, float(box[0]), float(box[2]), corners, clipped)
 
 
 @inner(error_model="numpy")
@@ -138,9 +141,9 @@ def draw_part(node: int, pose: Any, view: Any, mesh: Any, room: Any) -> Any:
 
 
 @inner(error_model="numpy")
-def draw_object(poses: Any, view: Any, mesh: Any, room: Any, owner: Any, which: Any) -> Any:
-    """As `draw_part`, all parts at poses (N, 7) into one z-buffer. owner : that of `room`, to have each pixel's part
-    number beside it, or None; which : (N,) the parts that are drawn, or None for all"""
+def draw_object(poses: Any, view: Any, mesh: Any, room: Any, owner: Any) -> Any:
+    """As `draw_part`, all parts at poses (N, 7) into one z-buffer. owner : that of `room`, to have the number of the
+    face that each pixel shows beside it, see `part_of`, or None"""
     vertices, faces, one_sided, vertex_offsets, face_offsets = mesh
     us, vs, ws, chosen, boxes, buffer, _ = room
     lens, pose_camera_world, width, height = view
@@ -148,7 +151,7 @@ def draw_object(poses: Any, view: Any, mesh: Any, room: Any, owner: Any, which: 
     for node in range(len(poses)):
         begin, end = vertex_offsets[node], vertex_offsets[node + 1]
         boxes[node, 0], boxes[node, 1] = 0, -1
-        if begin == end or (which is not None and not which[node]):
+        if begin == end:
             continue
         m = placed_in_camera(pose_camera_world, poses[node])
         box, near = project(_rows(vertices, begin, end), m, lens, width, height, us[begin:], vs[begin:], ws[begin:])
@@ -166,7 +169,7 @@ def draw_object(poses: Any, view: Any, mesh: Any, room: Any, owner: Any, which: 
             continue
         begin, end = vertex_offsets[node], vertex_offsets[node + 1]
         own_faces = _rows(faces, face_offsets[node], face_offsets[node + 1])
-        target = (buffer, owner, node, stride, right - left + 1, bottom - top + 1)
+        target = (buffer, owner, np.int64(face_offsets[node]), stride, right - left + 1, bottom - top + 1)
         if boxes[node, 4]:
             m = placed_in_camera(pose_camera_world, poses[node])
             _draw_near(target, whole, lens, m, _rows(vertices, begin, end), own_faces)
@@ -174,6 +177,13 @@ def draw_object(poses: Any, view: Any, mesh: Any, room: Any, owner: Any, which: 
             projected = (us[begin:], vs[begin:], ws[begin:])
             _draw_projected(target, whole, projected, own_faces, one_sided[face_offsets[node] :], chosen)
     return whole, stride
+
+
+@inner(error_model="numpy")
+def part_of(face: int, face_offsets: Any) -> int:
+    """Which part a face is of, by its number among those of all parts."""
+    found: int = np.searchsorted(face_offsets, face, side="right") - 1
+    return found
 
 
 @inner(error_model="numpy")
@@ -204,12 +214,12 @@ def object_depth(poses: NDArray[np.float64], view: Any, mesh: Any) -> Any:
     """As `part_depth` for all parts at poses (N, 7), and the part number (height, width) int16, -1 where nothing is."""
     width, height = view[2], view[3]
     room = scratch(mesh, width, height)
-    box, stride = draw_object(poses, view, mesh, room, room[6], None)
+    box, stride = draw_object(poses, view, mesh, room, room[6])
     depth = _depth_image(box, stride, room[5], width, height)
     number = np.full((height, width), -1, dtype=np.int16)
     left, right, top, bottom = box
     for row in range(top, bottom + 1):
         for column in range(left, right + 1):
             if depth[row, column] > _ZERO:
-                number[row, column] = room[6][(row - top) * stride + column - left]
+                number[row, column] = part_of(room[6][(row - top) * stride + column - left], mesh[4])
     return depth, number

@@ -38,7 +38,7 @@ def scan_triangle(target: Any, a: Any, b: Any, c: Any, slack: Any) -> None:
     the vertices are. Single precision will do for a triangle that is not much larger than the image.
 
     target : (buffer, owner, number, stride, width, height); buffer (height * stride,) float32, of whose rows the first
-        `width` values are the image and whose stride is a `row_stride`; owner as buffer, int16, set to `number` where
+        `width` values are the image and whose stride is a `row_stride`; owner as buffer, int32, set to `number` where
         the triangle is in front, or None
     """
     buffer, owner, number, stride, width, height = target

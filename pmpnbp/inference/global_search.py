@@ -50,8 +50,8 @@ TURNED, TURNED_ABOUT_ANY = 0.3, 0.5
 COMPARED, RENDERED = 10, 4
 # Islands that the first iteration leaves, in those of the last.
 FIRST_ISLANDS = 3
-# Parts that are rendered to move the best of them to better places: all of one for each parameter, and once more.
-REGISTERED = 4000
+# Parts of those of them that are moved to better places, the best first.
+REGISTERED = 400
 # With a narrow prior this share of them, as fewer places compete.
 NARROW_ISLANDS = 0.25
 # Hypotheses nearer than this many diffusion lengths are one.
@@ -180,8 +180,7 @@ def compared(
     best_first = np.argsort(-whole, kind="stable")[:islands]
     rivals = None
     if effort is None:
-        renders = 7 + problem.mrf.model.dof
-        first = best_first[: max(REGISTERED // (renders * problem.mrf.nodes), 1)]
+        first = best_first[: max(REGISTERED // problem.mrf.nodes, 1)]
         tried, whole[first] = _registered(rng, problem, tried, leaders[first], whole[first], plan)
         total = problem.plus_prior(tried.unary.sum(axis=1), tried.part_poses[:, problem.prior_node])
         best_first = best_first[np.argsort(-whole[best_first], kind="stable")]

@@ -1,10 +1,10 @@
 """How do the depth residuals of many whole objects change with small moves? Normal equations of articulated
 registration, from one render of each object.
 
-A pixel shows a point p of a face with the normal n, both in the camera's frame, along a ray r = p / z. Where the face
-moves so that its points at p have the velocity v, the pixel's depth changes by n · v / n · r. A part moves as a linear
-map, v = E p + e, which makes this a sum of twelve products of the pixel's, its features, with twelve numbers of the
-part's. The sums over pixels are of features, part by part, and how many parameters there are does not matter to them.
+A pixel shows a point p of a face, whose plane is m · p = 1, both in the camera's frame. Where the face moves so that
+its points at p have the velocity v, the pixel's depth z changes by z m · v. A part moves as a linear map, v = E p + e,
+which makes this a sum of twelve products of the pixel's, z m by p and 1, with twelve numbers of the part's. So the sums
+over pixels are of a face's points, then of a part's faces, and how many parameters there are does not matter to them.
 """
 
 from __future__ import annotations
@@ -22,22 +22,52 @@ from pmpnbp.potentials.kernels.projection import placed_in_camera
 from pmpnbp.potentials.kernels.rasteriser import draw_object, part_of, scratch
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
-# A pixel's slant along x, y and z, by its point's x, y, z and 1.
+# Of a pixel: m along x, y and z, each by its point's x, y, z and 1.
 FEATURES = 12
+# Numbers of the products of two of m's axes, and of two of a point's x, y, z and 1.
+_OF_AXES = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+_OF_POINTS = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])
 
 
 @inner(error_model="numpy")
-def _normal(mesh: Any, node: int, face: int, m: Any, normal: Any) -> None:
-    """Normal (3,), of any length, in the camera's frame, of a face of a part whose map in it is `m`."""
+def _plane(mesh: Any, node: int, face: int, m: Any) -> Any:
+    """The plane of a face in the camera's frame, in which `m` is its part's map: three numbers whose product with any
+    of its points is 1."""
     vertices, faces, _, vertex_offsets, _ = mesh
     a = vertex_offsets[node] + faces[0, face]
     b, c = vertex_offsets[node] + faces[1, face], vertex_offsets[node] + faces[2, face]
-    b0, b1, b2 = vertices[0, b] - vertices[0, a], vertices[1, b] - vertices[1, a], vertices[2, b] - vertices[2, a]
-    c0, c1, c2 = vertices[0, c] - vertices[0, a], vertices[1, c] - vertices[1, a], vertices[2, c] - vertices[2, a]
+    a0, a1, a2 = float(vertices[0, a]), float(vertices[1, a]), float(vertices[2, a])
+    b0, b1, b2 = vertices[0, b] - a0, vertices[1, b] - a1, vertices[2, b] - a2
+    c0, c1, c2 = vertices[0, c] - a0, vertices[1, c] - a1, vertices[2, c] - a2
     bx, cx = m[0] * b0 + m[1] * b1 + m[2] * b2, m[0] * c0 + m[1] * c1 + m[2] * c2
     by, cy = m[3] * b0 + m[4] * b1 + m[5] * b2, m[3] * c0 + m[4] * c1 + m[5] * c2
     bz, cz = m[6] * b0 + m[7] * b1 + m[8] * b2, m[6] * c0 + m[7] * c1 + m[8] * c2
-    normal[0], normal[1], normal[2] = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+    x, y, z = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+    distance = x * (m[0] * a0 + m[1] * a1 + m[2] * a2 + m[9])
+    distance += y * (m[3] * a0 + m[4] * a1 + m[5] * a2 + m[10]) + z * (m[6] * a0 + m[7] * a1 + m[8] * a2 + m[11])
+    return x / distance, y / distance, z / distance
+
+
+@inner(error_model="numpy")
+def _add_face(plane: Any, node: int, own: Any, sums: Any) -> None:
+    """Add the sums over a face's pixels (G, 14) to its part's, and set them to zero. sums : see `_add_pixels`"""
+    x, y, z = plane
+    for gate in range(len(own)):
+        if own[gate, 9] == 0.0:
+            continue
+        products, pulls, here = sums[0][gate, node], sums[1][gate, node], own[gate]
+        for k in range(10):
+            products[0, k] += x * x * here[k]
+            products[1, k] += x * y * here[k]
+            products[2, k] += x * z * here[k]
+            products[3, k] += y * y * here[k]
+            products[4, k] += y * z * here[k]
+            products[5, k] += z * z * here[k]
+        for k in range(4):
+            pulls[k] += x * here[10 + k]
+            pulls[4 + k] += y * here[10 + k]
+            pulls[8 + k] += z * here[10 + k]
+        here[:] = 0.0
 
 
 @inner(error_model="numpy")
@@ -51,20 +81,20 @@ def _add_pixels(
     patch_counts: Any,
     gates: Any,
     steepest: float,
+    own: Any,
     sums: Any,
 ) -> None:
     """Sum what the pixels of an object at `poses` (N, 7) tell that can be explained, each into the narrowest gate that
-    lets it through: products of features into sums (G, N, FEATURES, FEATURES), of features and residuals into (G, N,
-    FEATURES). drawn : the box and the stride that `draw_object` returned"""
+    lets it through: products of features into sums (G, N, 6, 10), numbered as _OF_AXES and _OF_POINTS have them, and
+    of features and residuals into (G, N, FEATURES). drawn : the box and the stride that `draw_object` returned; own :
+    (G, 14) zeros, room for a face's sums"""
     packed, lens, pose_camera_world, patches, patch_count = image
     (left, right, top, bottom), stride = drawn
-    products, pulls = sums
     weights = patch_counts[2]
     weighed = patch_count > 1 and terms[4] < _ONE
     if weighed:
         weigh_patches(room[5], stride, (left, right, top, bottom), packed, patches, terms, patch_counts)
-    last, node = np.int64(-1), np.int64(0)
-    normal, feature, weighted = np.empty(3), np.empty(FEATURES), np.empty(FEATURES)
+    last, node, plane, most = np.int64(-1), np.int64(0), (0.0, 0.0, 0.0), 0.0
     for row in range(top, bottom + 1):
         for column in range(left, right + 1):
             place = (row - top) * stride + column - left
@@ -77,8 +107,8 @@ def _add_pixels(
                 reward *= weights[patches[row + 1, column + 1]]
             if reward <= _ZERO:
                 continue
-            depth = 1.0 / w
-            residual = depth_of(word) - depth
+            z = 1.0 / w
+            residual = depth_of(word) - z
             gate = np.int64(-1)
             for k in range(len(gates)):
                 if abs(residual) < gates[k] and (gate < 0 or gates[k] < gates[gate]):
@@ -87,24 +117,30 @@ def _add_pixels(
                 continue
             face = np.int64(room[6][place])
             if face != last:
+                _add_face(plane, node, own, sums)
                 last, node = face, part_of(face, mesh[4])
-                _normal(mesh, node, face, placed_in_camera(pose_camera_world, poses[node]), normal)
-            x, y = (column - lens[2]) / lens[0], (row - lens[3]) / lens[1]
-            towards = normal[0] * x + normal[1] * y + normal[2]
-            slant = normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2
-            if slant >= (steepest * towards) ** 2:
+                plane = _plane(mesh, node, face, placed_in_camera(pose_camera_world, poses[node]))
+                most = steepest / np.sqrt(plane[0] ** 2 + plane[1] ** 2 + plane[2] ** 2)
+            if not z < most:
                 continue
-            for axis in range(3):
-                slope = normal[axis] / towards
-                feature[4 * axis], feature[4 * axis + 1] = slope * depth * x, slope * depth * y
-                feature[4 * axis + 2], feature[4 * axis + 3] = slope * depth, slope
-            weight = float(reward) * (depth / terms[5]) ** 2
-            for i in range(FEATURES):
-                weighted[i] = weight * feature[i]
-                pulls[gate, node, i] += weighted[i] * residual
-            for i in range(FEATURES):
-                for j in range(FEATURES):
-                    products[gate, node, i, j] += weighted[i] * feature[j]
+            x, y = (column - lens[2]) / lens[0] * z, (row - lens[3]) / lens[1] * z
+            here, slope = own[gate], float(reward) * (z / terms[5]) ** 2 * z
+            pull, slope = slope * residual, slope * z
+            here[0] += slope * x * x
+            here[1] += slope * x * y
+            here[2] += slope * x * z
+            here[3] += slope * x
+            here[4] += slope * y * y
+            here[5] += slope * y * z
+            here[6] += slope * y
+            here[7] += slope * z * z
+            here[8] += slope * z
+            here[9] += slope
+            here[10] += pull * x
+            here[11] += pull * y
+            here[12] += pull * z
+            here[13] += pull
+    _add_face(plane, node, own, sums)
 
 
 @inner(error_model="numpy")
@@ -134,18 +170,17 @@ def _motion(pose_camera_world: Any, before: Any, after: Any, probe: float, motio
 
 @inner(error_model="numpy")
 def _add_part(products: Any, pull: Any, motions: Any, moving: Any, count: int, information: Any, gradient: Any) -> None:
-    """Add a part's sums (FEATURES, FEATURES), (FEATURES,) to information (P, P) and gradient (P,), by its motions
-    (count, FEATURES) in the parameters numbered `moving` (count,)."""
+    """Add a part's sums (6, 10), (FEATURES,) to information (P, P) and gradient (P,), by its motions (count, FEATURES)
+    in the parameters numbered `moving` (count,)."""
     turned = np.empty(FEATURES)
     for a in range(count):
         total = 0.0
         for i in range(FEATURES):
             total += motions[a, i] * pull[i]
             turned[i] = 0.0
-        gradient[moving[a]] += total
-        for i in range(FEATURES):
             for j in range(FEATURES):
-                turned[j] += motions[a, i] * products[i, j]
+                turned[i] += motions[a, j] * products[_OF_AXES[i // 4, j // 4], _OF_POINTS[i % 4, j % 4]]
+        gradient[moving[a]] += total
         for b in range(a + 1):
             total = 0.0
             for i in range(FEATURES):
@@ -175,13 +210,14 @@ def _add_range(
     terms32 = score_terms(terms, terms[4])
     patch_counts = patch_room(patch_count, view[2])
     nodes, size = poses.shape[2], probes.shape[1]
-    sums = np.empty((len(gates), nodes, FEATURES, FEATURES)), np.empty((len(gates), nodes, FEATURES))
+    sums = np.empty((len(gates), nodes, 6, 10)), np.empty((len(gates), nodes, FEATURES))
+    own = np.zeros((len(gates), 14))
     motions, moving = np.empty((size, FEATURES)), np.empty(size, dtype=np.int64)
     for h in range(start, len(poses), step):
         sums[0][:] = 0.0
         sums[1][:] = 0.0
         drawn = draw_object(poses[h, 0], view, mesh, room, room[6])
-        _add_pixels(room, drawn, image, mesh, poses[h, 0], terms32, patch_counts, gates, steepest, sums)
+        _add_pixels(room, drawn, image, mesh, poses[h, 0], terms32, patch_counts, gates, steepest, own, sums)
         for node in range(nodes):
             count = 0
             for k in range(size):

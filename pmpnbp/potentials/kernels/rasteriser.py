@@ -180,10 +180,9 @@ def draw_object(poses: Any, view: Any, mesh: Any, room: Any, owner: Any) -> Any:
 
 
 @inner(error_model="numpy")
-def part_of(face: int, face_offsets: Any) -> int:
+def part_of(face: int, face_offsets: Any) -> Any:
     """Which part a face is of, by its number among those of all parts."""
-    found: int = np.searchsorted(face_offsets, face, side="right") - 1
-    return found
+    return np.searchsorted(face_offsets, face, side="right") - 1
 
 
 @inner(error_model="numpy")

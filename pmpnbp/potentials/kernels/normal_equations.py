@@ -124,18 +124,18 @@ def _add_pixels(
             if not z < most:
                 continue
             x, y = (column - lens[2]) / lens[0] * z, (row - lens[3]) / lens[1] * z
-            here, slope = own[gate], float(reward) * (z / terms[5]) ** 2 * z
-            pull, slope = slope * residual, slope * z
-            here[0] += slope * x * x
-            here[1] += slope * x * y
-            here[2] += slope * x * z
-            here[3] += slope * x
-            here[4] += slope * y * y
-            here[5] += slope * y * z
-            here[6] += slope * y
-            here[7] += slope * z * z
-            here[8] += slope * z
-            here[9] += slope
+            here, weight = own[gate], float(reward) * (z / terms[5]) ** 2 * z
+            pull, weight = weight * residual, weight * z
+            here[0] += weight * x * x
+            here[1] += weight * x * y
+            here[2] += weight * x * z
+            here[3] += weight * x
+            here[4] += weight * y * y
+            here[5] += weight * y * z
+            here[6] += weight * y
+            here[7] += weight * z * z
+            here[8] += weight * z
+            here[9] += weight
             here[10] += pull * x
             here[11] += pull * y
             here[12] += pull * z

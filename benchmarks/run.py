@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import stat
 from collections.abc import Callable
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -16,6 +17,7 @@ import numba
 from benchmarks import inference, kernels
 from benchmarks.tables import progress
 from pmpnbp.errors import PmpnbpError
+from pmpnbp.files import status, written_whole
 
 SCHEMA = "pmpnbp/benchmark-1"
 PACKAGES = ("pmpnbp", "numpy", "numba", "scipy", "open3d-cpu", "open3d")
@@ -32,17 +34,22 @@ def main(out: Path | None = None, plan: inference.Plan | None = None, rates: Rat
     """Measure, print the tables, and write the JSON to `out`; progress goes to stderr.
 
     plan : how much of the inference is measured, everything by default; rates : measures the kernels
-    Raises OutputError, before anything is measured, where `out` cannot be written.
+    Raises OutputError where `out` cannot be written: before anything is measured, where that can be told.
     """
-    if out is not None and (out.is_dir() or not out.absolute().parent.is_dir()):
-        raise OutputError(f"--out '{out}' cannot be written; expected the name of a file in a folder that is there")
+    what = f"--out '{out}'"
+    if out is not None:
+        there, folder = (status(path, what, OutputError, done="written") for path in (out, out.absolute().parent))
+        if folder is None or not stat.S_ISDIR(folder.st_mode) or (there is not None and stat.S_ISDIR(there.st_mode)):
+            raise OutputError(f"{what} cannot be written; expected the name of a file in a folder that is there")
     figures = collect(plan or inference.Plan(), rates, progress)
+    # first what is lost with nothing: minutes of measuring
+    print(report(figures), flush=True)
     if out is not None:
         try:
-            out.write_text(json.dumps(figures, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+            with written_whole(out) as partial:
+                partial.write_text(json.dumps(figures, indent=1, allow_nan=False) + "\n", encoding="utf-8")
         except OSError as error:
-            raise OutputError(f"--out '{out}' cannot be written: {error.strerror}") from None
-    print(report(figures))
+            raise OutputError(f"{what} cannot be written: {error.strerror}") from None
 
 
 def collect(plan: inference.Plan, rates: Rates, say: Callable[[str], None]) -> dict[str, Any]:

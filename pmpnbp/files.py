@@ -40,6 +40,12 @@ def status(path: Path, what: str, failure: type[PmpnbpError], *, done: str = "re
         raise failure(f"{what} cannot be {done}: {_reason(error)}") from None
 
 
+def is_file(path: Path, what: str, failure: type[PmpnbpError]) -> bool:
+    """Whether a file stands at `path`: no folder, pipe or device. what, Raises : as of `status`"""
+    found = status(path, what, failure)
+    return found is not None and stat.S_ISREG(found.st_mode)
+
+
 def read_file(
     path: Path, what: str, limit: int, failure: type[PmpnbpError], *, beyond: str = "", streams: bool = False
 ) -> bytes:

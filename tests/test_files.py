@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from pmpnbp.errors import PmpnbpError, ScanError
-from pmpnbp.files import quoted, read_file, status, written_whole
+from pmpnbp.errors import PmpnbpError, RecordingError, ScanError
+from pmpnbp.files import is_file, quoted, read_file, status, written_whole
+from pmpnbp.library.playback import Playback
+from pmpnbp.recording import Recording
 
 
 def test_no_more_is_read_than_the_limit_whatever_the_size_is_said_to_be(tmp_path: Path) -> None:
@@ -57,6 +59,25 @@ def test_what_can_be_no_path_is_a_sentence(path: str, reason: str, tmp_path: Pat
 def test_what_is_not_there() -> None:
     for gone in (Path("gone"), Path(__file__) / "below a file"):
         assert status(gone, "it", PmpnbpError) is None
+
+
+def test_a_file_is_no_folder_pipe_or_device(tmp_path: Path) -> None:
+    file, link, pipe = tmp_path / "file", tmp_path / "link", tmp_path / "pipe"
+    file.touch()
+    link.symlink_to(file)
+    os.mkfifo(pipe)
+    found = [is_file(one, "it", RecordingError) for one in (file, link, pipe, tmp_path, tmp_path / "none")]
+    assert found == [True, True, False, False, False]
+
+
+def test_a_recording_by_a_name_that_is_no_path_is_told_in_a_sentence(tmp_path: Path) -> None:
+    long = tmp_path / ("x" * 300)
+    for opened in (Recording, Playback):
+        with pytest.raises(RecordingError, match=r"^recording 'x{60}…' cannot be read: File name too long$"):
+            opened(long)
+        os.mkfifo(pipe := tmp_path / opened.__name__)
+        with pytest.raises(RecordingError, match=f"^recording '{opened.__name__}' is not there$"):
+            opened(pipe)
 
 
 def test_a_name_is_quoted_on_one_line_and_cut() -> None:

@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from types import TracebackType
 
 from pmpnbp.errors import IterationError, RecordingError
+from pmpnbp.files import is_file, quoted
 from pmpnbp.inference.arrival import present
 from pmpnbp.library.drawing import Drawing
 from pmpnbp.library.estimate import Estimate
@@ -31,8 +32,8 @@ class Playback:
 
     def __init__(self, path: AnyPath, *, max_std: float = SessionOptions.max_std) -> None:
         self.path = Path(path)
-        if not self.path.is_file():
-            raise RecordingError(f"recording '{self.path.name}' is not there")
+        if not is_file(self.path, f"recording {quoted(self.path)}", RecordingError):
+            raise RecordingError(f"recording {quoted(self.path)} is not there")
         # rows that it brings may be anybody's: all are made of its arrays
         self._archive = IterationArchive(self.path, f"recording '{self.path.name}'", foreign_row=_no_row)
         changes = self._archive.open(Criteria(max_std=checked_option("max_std", max_std)))

@@ -13,6 +13,7 @@ from urllib.parse import quote
 from numpy.typing import NDArray
 
 from pmpnbp.errors import DamageError, RecordingError
+from pmpnbp.files import is_file, quoted
 from pmpnbp.inference.belief import IterationReport, State
 from pmpnbp.inference.problem import Problem
 from pmpnbp.json_text import read_json
@@ -197,8 +198,8 @@ class Recording:
             return tuple(str(part["name"]) for part in self._input("parts"))
 
     def _open(self) -> sqlite3.Connection:
-        if not self._path.is_file():
-            raise DamageError(f"recording '{self.name}' is not there")
+        if not is_file(self._path, f"recording {quoted(self._path)}", DamageError):
+            raise DamageError(f"recording {quoted(self._path)} is not there")
         address = f"file:{quote(str(self._path.absolute()))}?mode=ro"
         log = self._path.with_name(self._path.name + "-wal")
         # in a folder that cannot be written SQLite finds no place for its index; without a log it needs none

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -125,6 +127,39 @@ def test_a_reduced_run_has_every_figure(tmp_path: Path, capsys: pytest.CaptureFi
 def test_an_unwritable_output_is_refused_before_measuring(tmp_path: Path) -> None:
     with pytest.raises(run.OutputError, match="expected the name of a file"):
         run.main(tmp_path / "absent" / "figures.json")
+
+
+def test_what_cannot_be_written_after_all_was_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The folder may go while minutes are measured: the figures are not lost, nor is what the file held."""
+    place = tmp_path / "folder" / "figures.json"
+    place.parent.mkdir()
+
+    def measured(*_: object) -> dict[str, object]:
+        place.parent.rmdir()
+        return {}
+
+    monkeypatch.setattr(run, "collect", measured)
+    monkeypatch.setattr(run, "report", lambda figures: "the figures")
+    with pytest.raises(run.OutputError, match="cannot be written: No such file"):
+        run.main(place)
+    assert capsys.readouterr().out == "the figures\n"
+
+
+def test_figures_go_through_a_link_and_into_a_pipe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "collect", lambda *_: {"schema": run.SCHEMA})
+    monkeypatch.setattr(run, "report", lambda figures: "the figures")
+    held = tmp_path / "held.json"
+    link, pipe = tmp_path / "link.json", tmp_path / "pipe"
+    link.symlink_to(held)
+    os.mkfifo(pipe)
+    run.main(link)
+    assert link.is_symlink() and json.loads(held.read_text()) == {"schema": run.SCHEMA}
+    with ThreadPoolExecutor(1) as pool:
+        read = pool.submit(pipe.read_text)
+        run.main(pipe)
+        assert json.loads(read.result()) == {"schema": run.SCHEMA}
 
 
 def test_peak_memory_is_that_of_this_process() -> None:

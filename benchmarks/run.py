@@ -42,7 +42,7 @@ def main(out: Path | None = None, plan: inference.Plan | None = None, rates: Rat
         if folder is None or not stat.S_ISDIR(folder.st_mode) or (there is not None and stat.S_ISDIR(there.st_mode)):
             raise OutputError(f"{what} cannot be written; expected the name of a file in a folder that is there")
     figures = collect(plan or inference.Plan(), rates, progress)
-    # first what is lost with nothing: minutes of measuring
+    # printed first: minutes of measuring are not to be lost with a file that cannot be written
     print(report(figures), flush=True)
     if out is not None:
         try:

@@ -170,8 +170,8 @@ def normal_equations(
 
     poses_world_part : (H, 1 + P, N, 7), as it is and with each parameter moved by its probe; probes : (H, P)
     nuisances : (K,) or (H, 1 + P, K), see `potentials/nuisances.py`, or None
-    steepest : a surface of which a depth changes by more, times the metres that it moves, is seen too much aslant to
-        tell anything
+    steepest : metres that a depth changes by at most for a metre that its surface moves; one that is seen more aslant
+        tells nothing
     A pixel weighs the most that it can add to the object's score.
     """
     count, moved = poses_world_part.shape[:2]

@@ -12,9 +12,10 @@ than its noise, as no model is quite right, so that evidence is taken the less s
 Another thing of the same kind explains other pixels, and as well as it is seen: nothing in the scan says which of them
 is meant. Such places weigh as much as each other, whatever their scores are.
 
-Where the object is told to be is the middle of the draws, in all that is known to within the tolerance. The score is
-rough, and its highest place a less good guess: on even seeds parts were 2.1 mm from it (root mean square), and 1.3 mm
-from that middle.
+Where the object is told to be is the middle of the draws, in all that is known to within the tolerance where all else
+is held. The score is rough, and its highest place a less good guess: on even seeds parts were 2.1 mm from it (root mean
+square), and 1.3 mm from that middle. What is known only together is moved together: of a chain whose joints may turn
+against each other, some at their middle and some not bend it where nothing was seen.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from pmpnbp.inference.tree_estimate import agreeing, polish
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.denied_parts import drawn_anew, without
 from pmpnbp.readout.fit import assess
+from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.object_posterior import ModeDraws, misfit, mode_draws
 from pmpnbp.readout.places import Place, contenders, least_reach, mode_reach, strayed
 from pmpnbp.readout.posterior import Centre, ObjectMode, Posterior
@@ -41,7 +43,8 @@ from pmpnbp.readout.posterior import Centre, ObjectMode, Posterior
 # Modes are told at most, and what weighs less than this is none.
 MODES, LEAST_WEIGHT = 6, 1e-4
 # Draws that are more nats better than the place they were drawn about are drawn about the best of them, so many times;
-# where nuisances are free, which the place does not take over, they may be better by those alone.
+# where nuisances are free, which the place does not take over, they may be better by those alone. And a middle that is
+# as much worse is none.
 SURPASSED, SURPASSED_BY_NUISANCES, MOVES = 30.0, 45.0, 6
 
 
@@ -146,9 +149,10 @@ def _told(
     better = [k for k in order if not places[k].apart and places[k].nats > places[0].nats]
     told = next((k for k in better if log_weights[k] > log_weights[0]), 0)
     fit = assess(places[told].seen)
-    denied = [node for node, part in enumerate(model.parts) if part.name in fit.denied]
+    denied, drawn_in = [node for node, part in enumerate(model.parts) if part.name in fit.denied], problem
     if denied and 0 not in denied:
-        draws = mode_draws(rng, without(problem, denied), places[told].root, places[told].joints, checkpoint)
+        drawn_in = without(problem, denied)
+        draws = mode_draws(rng, drawn_in, places[told].root, places[told].joints, checkpoint)
         places[told] = replace(places[told], draws=draws)
     place, found = places[told], [places[k].draws for k in order]
     if fit.verdict == "good" and (others := sum(places[k].apart for k in order)):
@@ -170,7 +174,7 @@ def _told(
         effective_sample_size=place.draws.effective_sample_size,
         fit=fit,
         drawn_sizes=_sizes(problem, found),
-        centre=_centre(problem, place) if problem.settings.object_estimate else None,
+        centre=_centre(drawn_in, place) if problem.settings.object_estimate else None,
     )
 
 
@@ -185,9 +189,9 @@ def _log_weights(places: list[Place]) -> Array:
 
 def _centre(problem: Problem, place: Place) -> Centre:
     """The middle of a place's draws in what is known to within the tolerance, the pose of what holds it all together;
-    in what is not, the place itself."""
+    in what is not, the place itself, and in all where the middle is worse: that of a bent ridge lies beside it."""
     model, draws = problem.mrf.model, place.draws
-    known = draws.stds * coordinate_levers(problem) < problem.tolerance_end
+    known = draws.held_stds * coordinate_levers(problem) < problem.tolerance_end
     known[:6] = known[:6].all()
     mean = np.where(known, draws.middle, 0.0)
     joints = within_limits(place.joints + mean[6:], model.lower, model.upper, model.wraps)
@@ -195,6 +199,9 @@ def _centre(problem: Problem, place: Place) -> Centre:
     nuisances = problem.nuisances
     if draws.nuisances is not None and known[0]:
         nuisances = np.exp(draws.log_weights) @ draws.nuisances
+    nats = log_posterior(problem, root[None], joints[None], None if nuisances is None else nuisances[None])[0]
+    if nats < place.nats - SURPASSED:
+        return Centre(root=place.root, joints=place.joints, nuisances=problem.nuisances)
     return Centre(root=root, joints=joints, nuisances=nuisances)
 
 

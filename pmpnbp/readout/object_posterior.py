@@ -24,7 +24,7 @@ from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.first_proposal import LOOSE, Elsewhere, curvature_information, joints_elsewhere, measured_covariance
 from pmpnbp.readout.free_turn import free_turn, turned_anyhow
 from pmpnbp.readout.image_grain import grain
-from pmpnbp.readout.importance_sampling import LogDensity, Proposal, adaptive_importance
+from pmpnbp.readout.importance_sampling import ROUNDING, LogDensity, Proposal, adaptive_importance
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.scene.prior import UniformPrior
 
@@ -55,8 +55,9 @@ class ModeDraws:
 
     roots : (K, 7); joints : (K, D); log_weights : (K,), their exponentials sum to 1
     about : the configuration that was drawn about, and its coordinates
-    middle, stds : (6 + D,) their mean, before they were stirred, and standard deviations, before they were bent, in
-        these coordinates
+    middle, held_stds : (6 + D,) in these coordinates, before they were stirred: their mean, and the standard deviation
+        of each where all others are held: joints of a chain that turn against each other may each be anywhere, and
+        tell of one another where
     nuisances : (K, ...), see `potentials/nuisances.py`; None where all are fixed
     nats : the log posterior at the configuration that was drawn about
     best_root, best_joints : (7,), (D,) of the draw of the highest density; gain : nats by which that is higher
@@ -71,7 +72,7 @@ class ModeDraws:
     log_weights: Array
     about: Held
     middle: Array
-    stds: Array
+    held_stds: Array
     nuisances: Array | None
     nats: float
     best_root: Array
@@ -126,7 +127,7 @@ def mode_draws(
         log_weights=drawn.log_weights,
         about=about,
         middle=middle,
-        stds=np.sqrt(weights @ (about.offsets(roots, q) - middle) ** 2),
+        held_stds=_held_stds(covariance),
         nuisances=_nuisances(problem, free, drawn.rows[:, 6 + model.dof :]),
         nats=here,
         best_root=best_roots[0],
@@ -137,6 +138,14 @@ def mode_draws(
         log_room=_log_room(weights, q),
         effective_sample_size=drawn.effective_sample_size,
     )
+
+
+def _held_stds(covariance: Array) -> Array:
+    """(P,) standard deviations of each coordinate of a Gaussian of a covariance (P, P) where all others are held."""
+    stds = np.sqrt(np.diag(covariance)) + 1e-300
+    correlation = covariance / np.outer(stds, stds) + ROUNDING * np.eye(len(stds))
+    found: Array = stds / np.sqrt(np.diag(np.linalg.inv(correlation)))
+    return found
 
 
 def misfit(nats: float) -> float:

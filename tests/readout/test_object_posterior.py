@@ -51,7 +51,7 @@ def test_what_has_no_joints_has_a_posterior() -> None:
     made = problems.build(model, worlds.seen(model, ROOT, np.zeros(0)), UniformPrior("upright"), worlds.settings())
     draws = mode_draws(np.random.default_rng(0), made, ROOT, np.zeros(0))
     assert draws.joints.shape == (len(draws.roots), 0) and draws.elsewhere.roots.shape == (0, 7)
-    assert draws.stds.max() < 0.01
+    assert draws.held_stds.max() < 0.01
 
 
 @pytest.mark.parametrize(("name", "longest"), [("seen", 0.25), ("hidden", 0.25), ("hidden", 0.07)])

@@ -32,10 +32,11 @@ class ServerProcess:
 
     def ready(self) -> ServerProcess:
         """Wait until the kernels are there. Raises RuntimeError where the server ends before."""
-        while httpx.get(f"{self.url}/readyz").status_code != 200:
-            if self.process.poll() is not None:
-                raise RuntimeError(f"the server ended with status {self.process.returncode}")
-            time.sleep(0.1)
+        with httpx.Client() as client:
+            while client.get(f"{self.url}/readyz").status_code != 200:
+                if self.process.poll() is not None:
+                    raise RuntimeError(f"the server ended with status {self.process.returncode}")
+                time.sleep(0.1)
         return self
 
     def end(self, number: signal.Signals) -> int:

@@ -14,6 +14,7 @@ import pytest
 
 from app.http import descriptors
 from tests.app.raw_http import answer, connect, everything, head, problem
+from tests.servers import NO_AUTHORITIES
 
 # Short, so that tests need not wait; each is a setting of the server.
 HEADER_SECONDS = 0.4
@@ -32,7 +33,7 @@ def nothing_left(request: pytest.FixtureRequest, caplog: pytest.LogCaptureFixtur
     if "short" in request.fixturenames:
         served = request.getfixturevalue("short")
         served.client.close()
-        served.client = httpx.Client(base_url=served.url, timeout=None)
+        served.client = httpx.Client(base_url=served.url, timeout=None, verify=NO_AUTHORITIES)
         while len(served.app.state.connections):
             time.sleep(0.01)
         assert served.app.state.traffic.connected.all == 0

@@ -18,6 +18,7 @@ from app.store.store import safe_name
 from pmpnbp.scene.scan_files import load_scan
 from tests.app import mutations, upload_attack
 from tests.app.upload_calls import CABINET, detail, emptied, nothing_kept, upload
+from tests.servers import NO_AUTHORITIES
 
 CAMERA = (CABINET / "open" / "camera.json").read_text(encoding="utf-8")
 DEPTH = (CABINET / "open" / "depth.png").read_bytes()
@@ -136,7 +137,7 @@ def test_the_same_key_from_many_at_once_makes_one(served: Any) -> None:
     answers: list[httpx.Response] = []
 
     def send() -> None:
-        with httpx.Client(base_url=served.url, timeout=None) as client:
+        with httpx.Client(base_url=served.url, timeout=None, verify=NO_AUTHORITIES) as client:
             answers.append(upload(client, "scans", "depth.png", DEPTH, {"Idempotency-Key": "at once"}, camera=CAMERA))
 
     threads = [threading.Thread(target=send) for _ in range(6)]

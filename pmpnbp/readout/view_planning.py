@@ -37,6 +37,8 @@ WIDTH, HEIGHT, FIELD = 96, 72, np.deg2rad(60.0)
 TURNS, STEEP = 12, (0.25, 0.65)
 # Metres: what is known better is taken to be known so well.
 LEAST = 1e-5
+# Share of a coordinate's variance that the open ones explain where it follows them; less may be by chance.
+FOLLOWS = 0.5
 # Nats that a view which shows nothing may seem to tell, by rounding: it tells none, and others then decide.
 ROUNDING = 1e-9
 # Views whose gains over their costs are the same to this share of the best one's are as good as each other.
@@ -91,8 +93,8 @@ def ranked(
     comes first, then the one that is expected to tell more beyond that, then that which turns the camera less."""
     model = problem.mrf.model
     chosen = posterior.even_draws(DRAWS)
-    near, is_open = _neighbourhoods(problem, posterior, chosen)
-    roots, joints = _what_is_open(posterior, chosen, is_open)
+    near, is_open, following = _neighbourhoods(problem, posterior, chosen)
+    roots, joints = _what_is_open(problem, posterior, chosen, following)
     parts, places = model.part_poses(roots, joints), _places(problem, roots, joints, links)
     some = chosen[EVERY // 2 :: EVERY]
     around_some = near[posterior.mode[some]]
@@ -168,12 +170,12 @@ def _camera(pose: Array) -> Camera:
 
 def _neighbourhoods(
     problem: Problem, posterior: Posterior, chosen: NDArray[np.int64]
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Of each mode which coordinates are open, (M, 6 + D), that is not known to within the tolerance, the root's all
-    together; and the covariance (M, 6 + D, 6 + D) that a draw of those `chosen` (K,) stands for: of open coordinates
-    what lies between two of them, of the others all. Coordinates are the root's translation and rotation vector about
-    its centre, and joints."""
-    near, is_open = [], []
+) -> tuple[Array, NDArray[np.bool_], Array]:
+    """Of each mode the covariance (M, 6 + D, 6 + D) that a draw of those `chosen` (K,) stands for: of open coordinates
+    what lies between two of them, of the others all; which coordinates are open, (M, 6 + D), that is not known to
+    within the tolerance, the root's all together; and how all follow these in the mean, (M, 6 + D, 6 + D). Coordinates
+    are the root's translation and rotation vector about its centre, and joints."""
+    near, is_open, following = [], [], []
     for number, mode in enumerate(posterior.modes):
         own = posterior.mode == number
         roots, weights = posterior.drawn_roots[own], np.exp(normalise(posterior.log_weights[own]))
@@ -186,20 +188,26 @@ def _neighbourhoods(
         share = np.where(wide, count ** (-1.0 / size), 1.0)
         near.append(covariance * np.outer(share, share))
         is_open.append(wide)
-    return np.array(near), np.array(is_open)
+        follows = np.zeros_like(covariance)
+        follows[:, wide] = covariance[:, wide] @ np.linalg.inv(covariance[np.ix_(wide, wide)])
+        explained = np.einsum("ij,ij->i", follows, covariance) / np.diagonal(covariance)
+        following.append(np.where((explained > FOLLOWS)[:, None], follows, 0.0))
+    return np.array(near), np.array(is_open), np.array(following)
 
 
-def _what_is_open(posterior: Posterior, chosen: NDArray[np.int64], is_open: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Roots (K, 7) and joints (K, D) of draws, with those coordinates that are not open (M, 6 + D) put where the draw's
-    mode has them: else each draw would be told from all others by its last millimetre, and with it what no view
-    shows."""
-    wide = is_open[posterior.mode[chosen]]
-    roots = np.array([mode.root for mode in posterior.modes])[posterior.mode[chosen]]
-    joints = np.array([mode.joints for mode in posterior.modes])[posterior.mode[chosen]]
-    return (
-        np.where(wide[:, :1], posterior.drawn_roots[chosen], roots),
-        np.where(wide[:, 6:], posterior.drawn_joints[chosen], joints),
-    )
+def _what_is_open(
+    problem: Problem, posterior: Posterior, chosen: NDArray[np.int64], following: Array
+) -> tuple[Array, Array]:
+    """Roots (K, 7) and joints (K, D) of draws, of which only that is kept which is open: all coordinates follow it
+    (M, 6 + D, 6 + D) about the draw's mode. Else each draw would be told from all others by its last millimetre, and
+    with it what no view shows; and were the others put where the mode has them, a chain would be bent where it is
+    not."""
+    roots, joints = posterior.drawn_roots[chosen], posterior.drawn_joints[chosen]
+    for number, mode in enumerate(posterior.modes):
+        own = posterior.mode[chosen] == number
+        about = Held(problem.mrf, 0, mode.root, mode.joints)
+        roots[own], joints[own] = about.placed(about.offsets(roots[own], joints[own]) @ following[number].T)
+    return roots, joints
 
 
 def _probed(

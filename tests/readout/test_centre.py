@@ -8,44 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pmpnbp.inference import mrf as fields
-from pmpnbp.inference import problem as problems
-from pmpnbp.inference import run
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import LONG_CHAIN, Problem
 from pmpnbp.readout import mixture
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.mixture import coordinate_levers, of_estimate
 from pmpnbp.readout.object_posterior import _held_stds, mode_draws
-from pmpnbp.scene.observe import observe
-from pmpnbp.scene.prior import UniformPrior
-from tests.inference import small_worlds as worlds
-from tests.inference.small_worlds import at
-
-COUNT, LENGTH, ROOT = 16, 0.06, at(2.5, 0.0, -0.3, 0.3)
-JOINTS = 0.25 * np.cos(np.arange(COUNT - 1))
-# Metres, and the share of the chain's rows in the image that something else hides.
-NOISE, HIDDEN = 0.008, (0.3, 0.6)
+from tests.readout.noisy_chain import JOINTS, noisy_chain
 
 
 @pytest.fixture(scope="module")
 def chain() -> tuple[Problem, IterationReport]:
-    """Sixteen bars that bend towards the camera, three tenths of them hidden, in a noisy scan; and a report of the
-    truth."""
-    model = worlds.hinged_chain(COUNT, LENGTH, flat=True)
-    parts = fields.build(model).part_poses(ROOT, JOINTS)
-    scan = worlds.scan(model, parts, worlds.camera_at((0.0, 0.0, 0.3), (2.5, 0.0, 0.1)))
-    depth = scan.depth + np.random.default_rng(1).normal(0.0, NOISE, scan.depth.shape).astype(np.float32)
-    rows = np.flatnonzero((scan.depth < 3.9).any(axis=1))
-    first, last = rows[0] + (rows[-1] - rows[0]) * np.array(HIDDEN)
-    depth[int(first) : int(last)] = 1.0
-    roi = np.concatenate([parts[:, :3].min(axis=0) - 0.15, parts[:, :3].max(axis=0) + 0.15])
-    seen = observe([replace(scan, depth=depth)], roi, up=worlds.UP)
-    made = problems.build(model, seen, UniformPrior("any"), worlds.settings(), particles=20, seed=3)
-    _, begun = run.begin(made)
-    return made, replace(
-        begun, iteration=12, stage="belief propagation", map_poses=made.mrf.part_poses(ROOT, JOINTS), map_joints=JOINTS
-    )
+    return noisy_chain()
 
 
 def test_joints_that_tell_of_one_another_are_at_their_middle_together(chain: tuple[Problem, IterationReport]) -> None:

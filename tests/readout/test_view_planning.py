@@ -14,13 +14,15 @@ from pmpnbp.inference import run
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.fit import Fit
 from pmpnbp.readout.image_grain import blunted
+from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.mixture import of_estimate
 from pmpnbp.readout.object_posterior import ModeDraws, mode_draws
 from pmpnbp.readout.posterior import ObjectMode, Posterior
-from pmpnbp.readout.view_planning import PlannedView, around, looking_at, ranked
+from pmpnbp.readout.view_planning import PlannedView, _neighbourhoods, _what_is_open, around, looking_at, ranked
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
+from tests.readout.noisy_chain import noisy_chain
 
 MODEL = worlds.cupboard()
 ROOT, JOINTS = worlds.cupboard_truth()
@@ -70,6 +72,42 @@ def test_the_view_that_shows_the_hidden_drawer_comes_first(problem: Problem, pos
     hidden = posterior.drawn_joints[:, 0].std()
     assert hidden > 0.03
     assert best.std_xyz.max() < 0.02 < worst.std_xyz.max()
+
+
+def test_what_is_known_follows_what_is_open_where_that_tells_of_it(problem: Problem, posterior: Posterior) -> None:
+    """Else it is where the mode has it: the slide is known to 2 mm, and the hinge is open."""
+    rng, count = np.random.default_rng(4), 400
+    hinge, apart = 0.6 + 0.2 * rng.standard_normal(count), 0.002 * rng.standard_normal(count)
+    chosen = np.arange(40)
+    for slide, expected in (
+        (0.18 + 0.01 * (hinge - 0.6), 0.18 + 0.01 * (hinge[chosen] - 0.6)),
+        (0.18 + apart, np.full(len(chosen), 0.18)),
+    ):
+        made = replace(
+            posterior,
+            drawn_roots=np.tile(ROOT, (count, 1)),
+            drawn_joints=np.stack([slide, hinge], axis=1),
+            log_weights=np.full(count, -np.log(count)),
+            mode=np.zeros(count, dtype=np.int64),
+            modes=(replace(posterior.modes[0], weight=1.0, root=ROOT, joints=JOINTS),),
+        )
+        _, is_open, following = _neighbourhoods(problem, made, chosen)
+        assert is_open[0].tolist() == 7 * [False] + [True]
+        roots, joints = _what_is_open(problem, made, chosen, following)
+        np.testing.assert_allclose(joints, np.stack([expected, hinge[chosen]], axis=1), atol=1e-6)
+        np.testing.assert_allclose(roots, np.tile(ROOT, (len(chosen), 1)), atol=1e-9)
+
+
+def test_what_is_open_of_a_chain_is_no_less_likely_than_its_draws_may_be() -> None:
+    """Links that are known, put where the mode has them, would bend it where it is not."""
+    problem, report = noisy_chain()
+    found = of_estimate(problem, report)
+    chosen = found.even_draws(40)
+    _, is_open, following = _neighbourhoods(problem, found, chosen)
+    assert is_open.any() and not is_open.all()
+    roots, joints = _what_is_open(problem, found, chosen, following)
+    drawn = log_posterior(problem, found.drawn_roots[chosen], found.drawn_joints[chosen])
+    assert np.median(log_posterior(problem, roots, joints)) > np.quantile(drawn, 0.1)
 
 
 def spread(draws: ModeDraws) -> float:

@@ -149,7 +149,8 @@ def _told(
     better = [k for k in order if not places[k].apart and places[k].nats > places[0].nats]
     told = next((k for k in better if log_weights[k] > log_weights[0]), 0)
     fit = assess(places[told].seen)
-    denied, drawn_in = [node for node, part in enumerate(model.parts) if part.name in fit.denied], problem
+    denied = [node for node, part in enumerate(model.parts) if part.name in fit.denied]
+    drawn_in = problem
     if denied and 0 not in denied:
         drawn_in = without(problem, denied)
         draws = mode_draws(rng, drawn_in, places[told].root, places[told].joints, checkpoint)

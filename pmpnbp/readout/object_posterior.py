@@ -24,7 +24,7 @@ from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.first_proposal import LOOSE, Elsewhere, curvature_information, joints_elsewhere, measured_covariance
 from pmpnbp.readout.free_turn import free_turn, turned_anyhow
 from pmpnbp.readout.image_grain import grain
-from pmpnbp.readout.importance_sampling import ROUNDING, LogDensity, Proposal, adaptive_importance
+from pmpnbp.readout.importance_sampling import LEAST_VARIANCE, ROUNDING, LogDensity, Proposal, adaptive_importance
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.scene.prior import UniformPrior
 
@@ -141,8 +141,9 @@ def mode_draws(
 
 
 def _held_stds(covariance: Array) -> Array:
-    """(P,) standard deviations of each coordinate of a Gaussian of a covariance (P, P) where all others are held."""
-    stds = np.sqrt(np.diag(covariance)) + 1e-300
+    """(P,) standard deviations of each coordinate of a Gaussian of a covariance (P, P) where all others are held; of a
+    joint whose limits are one position next to none."""
+    stds = np.sqrt(np.maximum(np.diag(covariance), LEAST_VARIANCE))
     correlation = covariance / np.outer(stds, stds) + ROUNDING * np.eye(len(stds))
     found: Array = stds / np.sqrt(np.diag(np.linalg.inv(correlation)))
     return found

@@ -64,3 +64,8 @@ def test_deviations_where_all_else_is_held_are_those_of_conditional_gaussians(rn
         left = covariance[one, one] - across @ np.linalg.solve(covariance[np.ix_(rest, rest)], across)
         assert _held_stds(covariance)[one] == pytest.approx(np.sqrt(left), rel=1e-4)
     np.testing.assert_allclose(_held_stds(np.diag(scales**2)), scales, rtol=1e-6)
+    # a joint whose limits are one position
+    scales[2] = 0.0
+    still = np.outer(np.arange(4) != 2, np.arange(4) != 2)
+    np.testing.assert_allclose(_held_stds(still * (covariance + np.eye(4)))[2], 0.0, atol=1e-6)
+    np.testing.assert_allclose(_held_stds(np.diag(scales**2)), scales, rtol=1e-6, atol=1e-6)

@@ -102,7 +102,8 @@ def bent_otherwise(
     log_density: LogDensity,
 ) -> Array:
     """Joint vectors (K, D) of draws, root poses (K, 7) and joint vectors (K, D), each moved along those motions along
-    which a density is wider at their middle, (7,) and (D,), than their covariance (6 + D, 6 + D) is."""
+    which a density is wider at their middle, (7,) and (D,), than their covariance (6 + D, 6 + D) is. What cannot be
+    moved so far with the end left where it is stays."""
     roots, joints = draws
     scale = np.sqrt(np.diag(covariance)) + LEAST_STD
     correlation = covariance / np.outer(scale, scale) + ROUNDING * np.eye(len(scale))
@@ -113,7 +114,11 @@ def bent_otherwise(
         told = 1 / ((direction / scale) @ np.linalg.solve(correlation, direction / scale))
         variance = spread_along(mrf, bend, *middle, log_density) ** 2
         if variance > told:
-            joints = bent(mrf, bend, roots, joints, np.sqrt(variance - told) * rng.standard_normal(len(joints)))
+            lengths = np.sqrt(variance - told) * rng.standard_normal(len(joints))
+            otherwise = bent(mrf, bend, roots, joints, lengths)
+            off = _displacements(mrf, bend.end, mrf.part_poses(roots, joints), mrf.part_poses(roots, otherwise))
+            left = np.linalg.norm(off, axis=1) <= LEFT * np.abs(lengths)
+            joints = np.where(left[:, None], otherwise, joints)
     return joints
 
 

@@ -103,6 +103,21 @@ def test_draws_go_as_far_along_a_motion_as_the_density_does() -> None:
     np.testing.assert_array_equal(wide, draws[1])
 
 
+def test_what_cannot_be_bent_so_far_stays_as_it_was(rng: np.random.Generator) -> None:
+    """Links of 4 cm and a motion that nothing tells for 4 cm and more: many a draw would have to go where the links do
+    not reach."""
+    short = worlds.hinged_chain(COUNT, 0.04, flat=True)
+    mrf, draws = fields.build(short), (np.tile(ROOT, (400, 1)), np.tile(JOINTS_AT, (400, 1)))
+    motions_there = bends(mrf, ROOT, JOINTS_AT)
+    found = bent_otherwise(
+        rng, mrf, motions_there, (ROOT, JOINTS_AT), 1e-8 * np.eye(6 + short.dof), draws, lambda _, q: np.zeros(len(q))
+    )
+    ends = mrf.part_poses(draws[0], found)[:, -1]
+    gap = np.linalg.norm(ends[:, :3] - mrf.part_poses(ROOT[None], JOINTS_AT[None])[0, -1, :3], axis=1)
+    assert motions_there and np.abs(found - JOINTS_AT).max() > 0.2
+    assert gap.max() < 0.03
+
+
 def test_limits_are_kept() -> None:
     bend = bends(MRF, ROOT, JOINTS_AT)[0]
     at_limit = np.array([1.2, -1.2, 0.4, 0.3, -0.6])

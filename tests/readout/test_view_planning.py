@@ -14,7 +14,6 @@ from pmpnbp.inference import run
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.fit import Fit
 from pmpnbp.readout.image_grain import blunted
-from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.mixture import of_estimate
 from pmpnbp.readout.object_posterior import ModeDraws, mode_draws
 from pmpnbp.readout.posterior import ObjectMode, Posterior
@@ -22,7 +21,6 @@ from pmpnbp.readout.view_planning import PlannedView, _neighbourhoods, _what_is_
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
-from tests.readout.noisy_chain import noisy_chain
 
 MODEL = worlds.cupboard()
 ROOT, JOINTS = worlds.cupboard_truth()
@@ -96,18 +94,6 @@ def test_what_is_known_follows_what_is_open_where_that_tells_of_it(problem: Prob
         roots, joints = _what_is_open(problem, made, chosen, following)
         np.testing.assert_allclose(joints, np.stack([expected, hinge[chosen]], axis=1), atol=1e-6)
         np.testing.assert_allclose(roots, np.tile(ROOT, (len(chosen), 1)), atol=1e-9)
-
-
-def test_what_is_open_of_a_chain_is_no_less_likely_than_its_draws_may_be() -> None:
-    """Links that are known, put where the mode has them, would bend it where it is not."""
-    problem, report = noisy_chain()
-    found = of_estimate(problem, report)
-    chosen = found.even_draws(40)
-    _, is_open, following = _neighbourhoods(problem, found, chosen)
-    assert is_open.any() and not is_open.all()
-    roots, joints = _what_is_open(problem, found, chosen, following)
-    drawn = log_posterior(problem, found.drawn_roots[chosen], found.drawn_joints[chosen])
-    assert np.median(log_posterior(problem, roots, joints)) > np.quantile(drawn, 0.1)
 
 
 def spread(draws: ModeDraws) -> float:

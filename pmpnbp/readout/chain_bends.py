@@ -18,6 +18,7 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.joint_draws import within_limits
 from pmpnbp.inference.mrf import Mrf
+from pmpnbp.readout.importance_sampling import standardised
 
 # Joints in a row that a motion goes over; fewer have none that leaves their ends, but by chance.
 JOINTS = 4
@@ -28,8 +29,6 @@ LEFT = 0.1
 # Radians that a joint is moved by for a derivative; times that the end is brought back to its place, and the share of
 # what the links between move below which a motion does not move the end back.
 LITTLE, BROUGHT_BACK, DAMPED = 1e-4, 3, 0.03
-# Added to standard deviations, metres or radians, and to correlations: some coordinates are known exactly.
-LEAST_STD, ROUNDING = 1e-9, 1e-9
 
 # log density (C,) of root poses (C, 7) and joint vectors (C, D)
 LogDensity = Callable[[Array, Array], Array]
@@ -105,8 +104,7 @@ def bent_otherwise(
     which a density is wider at their middle, (7,) and (D,), than their covariance (6 + D, 6 + D) is. What cannot be
     moved so far with the end left where it is stays."""
     roots, joints = draws
-    scale = np.sqrt(np.diag(covariance)) + LEAST_STD
-    correlation = covariance / np.outer(scale, scale) + ROUNDING * np.eye(len(scale))
+    scale, correlation = standardised(covariance)
     for bend in motions:
         direction = np.zeros(len(scale))
         direction[6 + np.array(bend.coordinates)] = bend.direction

@@ -102,9 +102,7 @@ class Proposal:
 
     @cached_property
     def _spread(self) -> Array:
-        covariance = self.covariance[np.ix_(self._own, self._own)]
-        stds = np.sqrt(np.diag(covariance))
-        correlation = covariance / np.outer(stds, stds) + ROUNDING * np.eye(len(stds))
+        stds, correlation = standardised(self.covariance[np.ix_(self._own, self._own)])
         return stds[:, None] * np.asarray(np.linalg.cholesky(correlation), dtype=np.float64)
 
     @cached_property
@@ -126,6 +124,12 @@ class Proposal:
         near = self._own[nearest[self._own] < NEAR_LIMIT]
         chosen = near[np.argsort(nearest[near], kind="stable")][:MOST_FOLDED]
         return chosen, np.where(below <= above, self.lower, self.upper)[chosen]
+
+
+def standardised(covariance: Array) -> tuple[Array, Array]:
+    """Standard deviations (P,) of a covariance (P, P), and its correlations (P, P), which have an inverse for sure."""
+    stds = np.sqrt(np.maximum(np.diag(covariance), LEAST_VARIANCE))
+    return stds, covariance / np.outer(stds, stds) + ROUNDING * np.eye(len(stds))
 
 
 def log_densities(proposals: Sequence[Proposal], rows: Array) -> Array:

@@ -24,7 +24,7 @@ from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.first_proposal import LOOSE, Elsewhere, curvature_information, joints_elsewhere, measured_covariance
 from pmpnbp.readout.free_turn import free_turn, turned_anyhow
 from pmpnbp.readout.image_grain import grain
-from pmpnbp.readout.importance_sampling import LEAST_VARIANCE, ROUNDING, LogDensity, Proposal, adaptive_importance
+from pmpnbp.readout.importance_sampling import LogDensity, Proposal, adaptive_importance, standardised
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.scene.prior import UniformPrior
 
@@ -143,8 +143,7 @@ def mode_draws(
 def _held_stds(covariance: Array) -> Array:
     """(P,) standard deviations of each coordinate of a Gaussian of a covariance (P, P) where all others are held; of a
     joint whose limits are one position next to none."""
-    stds = np.sqrt(np.maximum(np.diag(covariance), LEAST_VARIANCE))
-    correlation = covariance / np.outer(stds, stds) + ROUNDING * np.eye(len(stds))
+    stds, correlation = standardised(covariance)
     found: Array = stds / np.sqrt(np.diag(np.linalg.inv(correlation)))
     return found
 

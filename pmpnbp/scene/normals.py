@@ -27,29 +27,31 @@ LEAST_COSINE = 0.17
 def surface_normals(depth: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
     """Unit normals (h, w, 3) in the camera frame, towards the camera, of `depth` (h, w), metres; zero where unknown."""
     h, w = depth.shape
-    z = np.pad(depth.astype(np.float64), REACH)
-    with np.errstate(divide="ignore"):
-        inverse = np.where(z > 0, 1.0 / np.where(z > 0, z, 1.0), 0.0)
-    centre = z[REACH : REACH + h, REACH : REACH + w]
-    inverse_centre = inverse[REACH : REACH + h, REACH : REACH + w]
+    # what was not measured is infinitely far from everything
+    z = np.pad(np.where(depth > 0, depth, np.inf).astype(np.float64), REACH, constant_values=np.inf)
+    inverse, middle = 1.0 / z, (slice(REACH, REACH + h), slice(REACH, REACH + w))
+    centre, inverse_centre = depth.astype(np.float64), inverse[middle]
     gate = STEP + STEP_GROWTH * centre**2
-    # Weighted sums over the window of 1, u, v, uu, uv, vv and of (1, u, v, q) q, with q the inverse depth's difference.
-    s1, su, sv, suu, suv, svv, q1, qu, qv, qq = np.zeros((10, h, w))
+    # Weighted sums over the window of 1, u, v, uu, uv, vv, whole numbers below 128, and of (1, u, v, q) q, with q the
+    # inverse depth's difference.
+    counts = np.zeros((6, h, w), dtype=np.int8)
+    q1, qu, qv, qq = np.zeros((4, h, w))
+    q, product = np.empty((2, h, w))
     for dv in range(-REACH, REACH + 1):
         for du in range(-REACH, REACH + 1):
             window = (slice(REACH + dv, REACH + dv + h), slice(REACH + du, REACH + du + w))
-            near = ((np.abs(z[window] - centre) < gate) & (z[window] > 0)).astype(np.float64)
-            q = near * (inverse[window] - inverse_centre)
-            s1 += near
-            su += near * du
-            sv += near * dv
-            suu += near * (du * du)
-            suv += near * (du * dv)
-            svv += near * (dv * dv)
+            np.abs(np.subtract(z[window], centre, out=q), out=q)
+            near = q < gate
+            np.multiply(np.subtract(inverse[window], inverse_centre, out=q), near, out=q)
+            for count, factor in zip(counts, (1, du, dv, du * du, du * dv, dv * dv), strict=True):
+                if factor:
+                    count += np.int8(factor) * near.view(np.int8)
             q1 += q
-            qu += q * du
-            qv += q * dv
-            qq += q * q
+            qq += np.multiply(q, q, out=product)
+            for total, factor in ((qu, du), (qv, dv)):
+                if factor:
+                    total += np.multiply(q, factor, out=product)
+    s1, su, sv, suu, suv, svv = counts.astype(np.float64)
     # Normal equations [[suu,suv,su],[suv,svv,sv],[su,sv,s1]] (a,b,c) = (qu,qv,q1), by cofactors.
     c00, c01, c02 = svv * s1 - sv * sv, su * sv - suv * s1, suv * sv - svv * su
     c11, c12, c22 = suu * s1 - su * su, suv * su - suu * sv, suu * svv - suv * suv

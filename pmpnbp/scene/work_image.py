@@ -132,15 +132,14 @@ def block_depths(
     make all things larger by a part of a pixel. The median alone would have steps where the sensor's depths have: noise
     that is wider than a step tells, in the mean, what lies between.
     """
-    measured = depth > 0
+    measured = np.flatnonzero(depth > 0)
     block, pixels = block[measured], np.bincount(block, minlength=blocks)
     own = depth[measured].astype(np.float32)
     if not len(own):
         return np.zeros(blocks, dtype=np.float32)
     # positive floats are ordered as their bits are
     keys = block.astype(np.uint64) << np.uint64(32) | own.view(np.uint32)
-    # a row's pixels come in the order of their blocks, which a stable sort is quicker by
-    keys.sort(kind="stable")
+    keys.sort()
     ordered = (keys & np.uint64(0xFFFFFFFF)).astype(np.uint32).view(np.float32)
     count = np.bincount(block, minlength=blocks)
     first, last = np.cumsum(count) - count, len(ordered) - 1
@@ -149,8 +148,8 @@ def block_depths(
     reach = np.maximum(ONE_SURFACE, DEVIATIONS * _deviation(own, one_of_both, block) * one_of_both) * one_of_both
     middle = np.where(upper - lower < reach, (lower + upper) / 2, one_of_both)
     gap = own - middle[block]
-    near = np.abs(gap) < reach[block]
-    kept = np.flatnonzero(measured)[near]
+    near = np.flatnonzero(np.abs(gap) < reach[block])
+    kept = measured[near]
     beside = _in_the_middle(gap[near], block[near], blocks, (aside[0][kept], aside[1][kept]))
     enough = (count > 0) & (2 * count >= pixels) & (2 * pixels >= size)
     return np.where(enough, middle + beside, 0.0).astype(np.float32)
@@ -175,10 +174,10 @@ def _deviation(own: NDArray[np.float32], middle: NDArray[np.float32], block: NDA
 
     own : (P,) metres, measured; middle : (blocks,) metres, 0 where nothing was; block : (P,) that each is in
     """
-    gap = (own - middle[block]) / middle[block] ** 2
-    chosen = np.abs(gap) < NO_SURFACE
-    count = np.bincount(block[chosen], minlength=len(middle))
-    squares = _means(gap[chosen] ** 2, block[chosen], count)
+    gap = (own - middle[block]) / (middle**2)[block]
+    chosen = np.flatnonzero(np.abs(gap) < NO_SURFACE)
+    gap, block = gap[chosen], block[chosen]
+    squares = _means(gap**2, block, np.bincount(block, minlength=len(middle)))
     return float(np.sqrt(np.median(squares[middle > 0])))
 
 

@@ -19,6 +19,7 @@ from pmpnbp.scene.cloud_cameras import look_at_loose_cloud
 from pmpnbp.scene.observation import OBJECT, SUPPORT, Observation, Scan
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.scan_files import load_scan
+from pmpnbp.scene.support_planes import ALIGNED, AT_ONCE, _votes
 from tests.scene.box_rooms import FLOOR, WALL, camera_at, has_plane, see, without_pose
 
 FLOOR_PLANE, WALL_PLANE = (0.0, 0.0, 1.0, 0.0), (1.0, 0.0, 0.0, 0.0)
@@ -160,6 +161,23 @@ def test_a_point_of_a_plane_is_support_by_the_tolerance_of_its_depth() -> None:
     fine, coarse = observe([scan]), observe([scan], plane_tolerance=0.05)
     assert share(fine, OBJECT, mat, 0.005) > 0.95
     assert share(coarse, SUPPORT, mat, 0.005) > 0.95
+
+
+def test_each_plane_has_the_votes_of_the_points_on_it_that_face_its_way(rng: np.random.Generator) -> None:
+    """As counted point by point, of more planes than are judged at once."""
+    points = rng.uniform(-0.2, 0.2, (70, 3))
+    normals = poses.rotate(poses.from_rotation_vector(rng.normal(0, 0.3, (70, 3))), np.array([0.0, 0.0, 1.0]))
+    n, d = normals[: AT_ONCE + 7].astype(np.float32), rng.uniform(-0.1, 0.1, AT_ONCE + 7).astype(np.float32)
+    reach = rng.uniform(0.01, 0.2, 70).astype(np.float32)
+    expected = [
+        sum(
+            abs(plane @ point + offset) < near and plane @ normal > ALIGNED
+            for point, normal, near in zip(points, normals, reach, strict=True)
+        )
+        for plane, offset in zip(n.astype(float), d.astype(float), strict=True)
+    ]
+    assert max(expected) > 10
+    np.testing.assert_array_equal(_votes(n, d, points, normals, reach), expected)
 
 
 def test_planes_repeat_bit_for_bit(rng: np.random.Generator) -> None:

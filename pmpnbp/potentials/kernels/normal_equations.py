@@ -15,7 +15,7 @@ import numpy as np
 from numba import get_num_threads, prange
 from numpy.typing import NDArray
 
-from pmpnbp.potentials.kernels.compiling import inner, kernel
+from pmpnbp.potentials.kernels.compiling import borrowed, inner, kernel
 from pmpnbp.potentials.kernels.continuation import patch_room, weigh_patches
 from pmpnbp.potentials.kernels.pixel_scores import CATEGORY_BITS, depth_of, pixel_reward, score_terms
 from pmpnbp.potentials.kernels.projection import placed_in_camera
@@ -204,15 +204,34 @@ def _add_range(
     information: Any,
     gradient: Any,
 ) -> None:
-    packed, lens, pose_camera_world, _, patch_count = image
-    view = (lens, pose_camera_world, packed.shape[1] - 2, packed.shape[0] - 2)
-    room = scratch(mesh, view[2], view[3])
-    terms32 = score_terms(terms, terms[4])
-    patch_counts = patch_room(patch_count, view[2])
-    nodes, size = poses.shape[2], probes.shape[1]
+    width, nodes = image[0].shape[1] - 2, poses.shape[2]
+    room, patch_counts = scratch(mesh, width, image[0].shape[0] - 2), patch_room(image[4], width)
     sums = np.empty((len(gates), nodes, 6, 10)), np.empty((len(gates), nodes, FEATURES))
+    motions, moving = np.empty((probes.shape[1], FEATURES)), np.empty(probes.shape[1], dtype=np.int64)
     own = np.zeros((len(gates), 14))
-    motions, moving = np.empty((size, FEATURES)), np.empty(size, dtype=np.int64)
+    held = image, mesh, room, patch_counts, sums, own, motions, moving
+    _add_objects(start, step, held, poses, probes, terms, gates, steepest, information, gradient)
+
+
+@inner(error_model="numpy")
+def _add_objects(
+    start: int,
+    step: int,
+    held: Any,
+    poses: Any,
+    probes: Any,
+    terms: Any,
+    gates: Any,
+    steepest: float,
+    information: Any,
+    gradient: Any,
+) -> None:
+    image, mesh, room, patch_counts, sums, own, motions, moving = borrowed(held)
+    poses, information, gradient = borrowed((poses, information, gradient))
+    packed, lens, pose_camera_world, _, _ = image
+    view = (lens, pose_camera_world, packed.shape[1] - 2, packed.shape[0] - 2)
+    terms32 = score_terms(terms, terms[4])
+    nodes, size = poses.shape[2], probes.shape[1]
     for h in range(start, len(poses), step):
         sums[0][:] = 0.0
         sums[1][:] = 0.0

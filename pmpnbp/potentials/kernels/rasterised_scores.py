@@ -8,7 +8,7 @@ import numpy as np
 from numba import get_num_threads, prange
 from numpy.typing import NDArray
 
-from pmpnbp.potentials.kernels.compiling import inner, kernel
+from pmpnbp.potentials.kernels.compiling import borrowed, inner, kernel
 from pmpnbp.potentials.kernels.continuation import patch_room, weigh_patches
 from pmpnbp.potentials.kernels.pixel_scores import distance_pixel, robust_pixel, score_terms
 from pmpnbp.potentials.kernels.rasteriser import draw_object, draw_part, scratch
@@ -58,9 +58,15 @@ def _sum_distance(buffer: Any, stride: int, box: Any, packed: Any, lens: Any) ->
 def _add_part_range(
     start: int, step: int, image: Any, mesh: Any, part: Any, poses: Any, terms: Any, robust: bool, out: Any
 ) -> None:
+    room = scratch(mesh, image[0].shape[1] - 2, image[0].shape[0] - 2)
+    _add_parts(start, step, (image, mesh, room), part, poses, terms, robust, out)
+
+
+@inner(error_model="numpy")
+def _add_parts(start: int, step: int, held: Any, part: Any, poses: Any, terms: Any, robust: bool, out: Any) -> None:
+    (image, mesh, room), poses = borrowed((held, poses))
     packed, lens, pose_camera_world, _, _ = image
     view = (lens, pose_camera_world, packed.shape[1] - 2, packed.shape[0] - 2)
-    room = scratch(mesh, view[2], view[3])
     terms32 = score_terms(terms, terms[4])
     for i in range(start, len(part), step):
         box, stride = draw_part(np.int64(part[i]), poses[i], view, mesh, room)
@@ -94,10 +100,16 @@ def _sum_weighed(buffer: Any, stride: int, box: Any, packed: Any, patches: Any, 
 def _add_object_range(
     start: int, step: int, image: Any, mesh: Any, poses: Any, terms: Any, robust: bool, out: Any
 ) -> None:
+    width, height = image[0].shape[1] - 2, image[0].shape[0] - 2
+    room, patch_counts = scratch(mesh, width, height), patch_room(image[4], width)
+    _add_objects(start, step, (image, mesh, room, patch_counts), poses, terms, robust, out)
+
+
+@inner(error_model="numpy")
+def _add_objects(start: int, step: int, held: Any, poses: Any, terms: Any, robust: bool, out: Any) -> None:
+    (image, mesh, room, patch_counts), poses, terms = borrowed((held, poses, terms))
     packed, lens, pose_camera_world, patches, count = image
     view = (lens, pose_camera_world, packed.shape[1] - 2, packed.shape[0] - 2)
-    room = scratch(mesh, view[2], view[3])
-    patch_counts = patch_room(count, view[2])
     for i in range(start, len(poses), step):
         box, stride = draw_object(poses[i], view, mesh, room, None)
         for k in range(len(terms)):

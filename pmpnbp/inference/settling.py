@@ -31,6 +31,8 @@ CLOSE = 0.15
 # What looks like a best one that nothing contests; for how many rounds that is polished, at so many times the last
 # tolerance and then at that.
 UNCONTESTED, UNCONTESTED_ROUNDS, LOOSE = 2, 4, 2.0
+# Rounds after which what contests the best is compared with it, so that the hopeless are polished no longer.
+HEAT = 2
 # How long those that come near the best are polished, at the tolerance that annealing ends at, before one is chosen.
 DECIDING_ROUNDS = 4
 
@@ -138,7 +140,7 @@ def _contested(
         others = others.joined(look_alikes(rng, problem, near, plan, effort.rivals))
         others = others.joined(_with_a_joint_elsewhere(rng, problem, near, plan, effort.rivals))
         rounds = effort.last_rounds
-    others, reached = _polished(rng, problem, others, plan, plan.tolerance, rounds)
+    others, reached = _raced(rng, problem, others, plan, rounds, score.max())
     return rivals.joined(others), np.concatenate([score, reached])
 
 
@@ -163,6 +165,19 @@ def _with_a_joint_elsewhere(
 def tight_tolerance(problem: Problem) -> float:
     """Metres: at which the search's rivals are polished, and what it found has to be confirmed."""
     return FINAL_TOLERANCE * problem.tolerance_end
+
+
+def _raced(
+    rng: np.random.Generator, problem: Problem, tried: Hypotheses, plan: Schedule, rounds: int, known: float
+) -> tuple[Hypotheses, Array]:
+    """As `_polished` at the tolerance of `plan`, without those that after HEAT rounds are hopeless beside the best of
+    them and of others, the best of which has the profile score `known`."""
+    tried, score = _polished(rng, problem, tried, plan, plan.tolerance, HEAT)
+    best = score.max(initial=known)
+    left = tried.taken(np.flatnonzero(score >= best - HOPELESS * abs(best)))
+    if not len(left.roots):
+        return left, np.zeros(0)
+    return _polished(rng, problem, left, plan, plan.tolerance, rounds - HEAT)
 
 
 def _polished(

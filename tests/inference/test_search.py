@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -268,12 +269,36 @@ def test_where_rivals_contest_each_other_what_looks_like_them_is_tried(
     best = int(reached.argmax())
     truth = MODEL.part_poses(ROOT, JOINTS)
     assert errors_of(MODEL, found.part_poses[best], truth).max() < 0.01
-    # what nothing contests is looked at twice, too, with less effort
+    # what nothing contests is looked at twice, too, with less effort; all are counted, however hopeless
+    monkeypatch.setattr(settling, "HOPELESS", 1e9)
+    _, reached = settling._contested(np.random.default_rng(0), scene, wrong, score, plan, settling.SETTLE_UNINFORMED)
     monkeypatch.setattr(settling, "shifted", lambda rng, problem, near: near.taken(np.arange(0)))
     _, unshifted = settling._contested(np.random.default_rng(0), scene, wrong, score, plan, settling.SETTLE_UNINFORMED)
     assert len(unshifted) > 2 + settling.UNCONTESTED if close else len(unshifted) == 2 + settling.UNCONTESTED
     # and with a part where another was
     assert len(reached) > len(unshifted)
+
+
+def test_what_is_hopeless_beside_the_best_is_polished_no_longer(
+    scene: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Near the truth, a step aside and far off: the last is left behind, and all where another has twice as much."""
+    plan = replace(schedule(scene.settings, 4, 4), tolerance=0.024)
+    roots = np.tile(ROOT, (3, 1))
+    roots[:, 0] += [0.002, 0.004, 2.0]
+    tried = worlds.hypotheses(scene, roots, np.tile(JOINTS, (3, 1)))
+    polished, rounds = settling._polished, []
+
+    def recorded(*given: Any, **how: Any) -> Any:
+        rounds.append((len(given[2].roots), given[5]))
+        return polished(*given, **how)
+
+    monkeypatch.setattr(settling, "_polished", recorded)
+    left, score = settling._raced(np.random.default_rng(0), scene, tried, plan, 8, -np.inf)
+    assert rounds == [(3, settling.HEAT), (2, 8 - settling.HEAT)]
+    assert len(left.roots) == len(score) == 2 and score.min() > 0.95 * score.max()
+    none, nothing = settling._raced(np.random.default_rng(0), scene, tried, plan, 8, 2.1 * score.max())
+    assert len(none.roots) == len(nothing) == 0 and len(rounds) == 3
 
 
 def test_a_searched_particle_says_where_it_came_from(searched: list[run.IterationReport]) -> None:

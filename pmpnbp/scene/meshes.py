@@ -22,9 +22,12 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.scene.articulated_object import Mesh
 
 # Flat faces with their corners on a round surface make a shape that is too small, and is found too near to the camera:
-# corners lie so far outside that the volume is the round shape's. The faces stay within 0.7 % of a sphere's radius, and
-# within 0.4 % of a cylinder's.
-ROUND_SEGMENTS, SPHERE_SUBDIVISIONS = 32, 2
+# corners lie so far outside that the volume is the round shape's. A sphere's faces stay within 0.7 % of its radius.
+SPHERE_SUBDIVISIONS = 2
+# A cylinder's corners stay within CORNERS radii over the square of their number; that is as large as keeps them within
+# CLOSE metres, so that a thin handle has no more faces than can be told, or the most. A multiple of four keeps quarter
+# turns what they are.
+CORNERS, CLOSE, FEWEST_SEGMENTS, MOST_SEGMENTS = 3.5, 2.5e-4, 8, 32
 # Vertices further out than this (metres) are damage, and would spoil every later bounding box.
 MAX_COORDINATE = 1e5
 # What Git LFS leaves in a file's place begins so.
@@ -53,9 +56,11 @@ def box(size: ArrayLike) -> Mesh:
 
 def cylinder(radius: float, length: float) -> Mesh:
     """A cylinder about the z axis, its middle at the origin; `radius` and `length` in metres."""
-    angle = 2 * np.pi / ROUND_SEGMENTS
+    quarter = np.ceil(np.sqrt(CORNERS * radius / CLOSE) / 4)
+    sections = int(np.clip(4 * quarter, FEWEST_SEGMENTS, MOST_SEGMENTS))
+    angle = 2 * np.pi / sections
     outside = radius * float(np.sqrt(angle / np.sin(angle)))
-    return _from_trimesh(trimesh.creation.cylinder(radius=outside, height=length, sections=ROUND_SEGMENTS))
+    return _from_trimesh(trimesh.creation.cylinder(radius=outside, height=length, sections=sections))
 
 
 def sphere(radius: float) -> Mesh:

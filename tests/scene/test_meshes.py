@@ -122,6 +122,17 @@ def test_primitives_have_their_sizes_and_face_outward() -> None:
         np.testing.assert_allclose((mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)), 0, atol=1e-12)
 
 
+@pytest.mark.parametrize(("radius", "faces"), [(0.002, 32), (0.004, 32), (0.02, 80), (0.08, 128), (3.0, 128)])
+def test_a_cylinder_has_no_more_faces_than_a_quarter_of_a_millimetre_asks_for(radius: float, faces: int) -> None:
+    mesh = cylinder(radius, 0.3)
+    assert len(mesh.faces) == faces
+    assert volume(mesh) == pytest.approx(np.pi * radius**2 * 0.3)
+    x, y, _ = mesh.vertices[np.hypot(mesh.vertices[:, 0], mesh.vertices[:, 1]) > 0].T
+    assert 0 < (np.hypot(x, y) - radius).max() < max(2.5e-4, 0.0035 * radius)
+    turned = {(round(-b / radius, 9) + 0.0, round(a / radius, 9) + 0.0) for a, b in zip(x, y, strict=True)}
+    assert turned == {(round(a / radius, 9) + 0.0, round(b / radius, 9) + 0.0) for a, b in zip(x, y, strict=True)}
+
+
 def test_round_primitives_lie_about_the_round_surface_as_far_within_as_beyond() -> None:
     from_middle = np.linalg.norm(even_points(sphere(2), 20_000), axis=1)
     assert from_middle.mean() == pytest.approx(2, rel=1e-4)

@@ -14,6 +14,7 @@ until its neighbours have followed.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -94,6 +95,7 @@ def elsewhere(
     rows = np.arange(many)
     here = configuration_scores(problem, roots, joints, plan.tolerance)
     dip = DIP * np.abs(here)
+    behind, moved_by = _moved_behind(mrf), Counter(int(c) for edge in model.edges for c in edge.coordinates)
     found, scores = [], []
     for number in mrf.tree:
         edge = model.edges[number]
@@ -102,27 +104,30 @@ def elsewhere(
             count = positions.shape[1]
             if not count:
                 continue
-            carried = np.repeat(joints[:, None], count, axis=1)
-            carried[..., coordinate] = positions
-            moved = np.repeat(part_poses[:, None], count, axis=1)
-            moved[:, :, edge.child] = mrf.part_poses(roots[:, None], carried)[:, :, edge.child]
-            _, kept = assemble(mrf, moved.reshape(-1, *part_poses.shape[1:]), 0)
-            tried = np.stack([carried, kept.reshape(carried.shape)], axis=1)
-            every = np.repeat(roots, 2 * count, axis=0)
+            tried = np.repeat(joints[:, None], count, axis=1)[:, None]
+            tried[..., coordinate] = positions[:, None]
+            # where nothing moves but this part, to carry all along or to leave it is the same
+            if behind[edge.child].any() or moved_by[int(coordinate)] > 1:
+                moved = np.repeat(part_poses[:, None], count, axis=1)
+                moved[:, :, edge.child] = mrf.part_poses(roots[:, None], tried[:, 0])[:, :, edge.child]
+                _, kept = assemble(mrf, moved.reshape(-1, *part_poses.shape[1:]), 0)
+                tried = np.concatenate([tried, kept.reshape(tried.shape)], axis=1)
+            ways = tried.shape[1]
+            every = np.repeat(roots, ways * count, axis=0)
             score = configuration_scores(problem, every, tried.reshape(-1, model.dof), plan.tolerance)
-            score, tried = score.reshape(2 * many, count), tried.reshape(2 * many, count, model.dof)
+            score, tried = score.reshape(ways * many, count), tried.reshape(ways * many, count, model.dof)
             taken = np.zeros(score.shape, dtype=bool)
             wraps = bool(model.wraps[coordinate])
             if not anywhere:
-                before = np.repeat((positions < joints[:, coordinate, None]).sum(axis=1), 2)
-                taken |= _basin(score, before, np.repeat(here, 2), np.repeat(dip, 2), wraps)
+                before = np.repeat((positions < joints[:, coordinate, None]).sum(axis=1), ways)
+                taken |= _basin(score, before, np.repeat(here, ways), np.repeat(dip, ways), wraps)
             for _ in range(PLACES):
-                left = np.where(taken, -np.inf, score).reshape(many, 2 * count)
+                left = np.where(taken, -np.inf, score).reshape(many, ways * count)
                 which, best = np.divmod(left.argmax(axis=1), count)
-                row = 2 * rows + which
+                row = ways * rows + which
                 found.append(tried[None, row, best])
                 scores.append(left[None, rows, which * count + best])
-                taken |= np.repeat(_basin(score[row], best, score[row, best], dip, wraps), 2, axis=0)
+                taken |= np.repeat(_basin(score[row], best, score[row, best], dip, wraps), ways, axis=0)
     turned, possible = triple_moves(mrf, part_poses, joints)
     score = np.full(possible.shape, -np.inf)
     which = np.nonzero(possible)

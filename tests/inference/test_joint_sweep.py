@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pmpnbp.geometry import poses
+from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import joint_sweep
 from pmpnbp.inference import problem as problems
 from pmpnbp.inference.joint_sweep import (
@@ -204,6 +205,27 @@ def test_elsewhere_is_not_here_and_worth_what_it_says(chain: tuple[Problem, np.n
             one = np.isfinite(score[:, place])
             np.testing.assert_allclose(score[one, place], expected[one])
         assert np.all(score[:, places.start] >= score[:, places.stop - 1])
+
+
+def test_a_part_that_nothing_hangs_on_is_moved_once(
+    chain: tuple[Problem, np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And comes to the same places as where both ways are looked at."""
+    problem, root, truth = chain
+    plan, rows = search_end(problem), []
+
+    def counted(problem: Problem, roots: Array, joints: Array, tolerance: float) -> Array:
+        rows.append(len(roots))
+        return configuration_scores(problem, roots, joints, tolerance)
+
+    monkeypatch.setattr(joint_sweep, "configuration_scores", counted)
+    once = elsewhere(np.random.default_rng(0), problem, root[None], truth[None], plan)
+    of_joints, rows = rows[1:4], []
+    monkeypatch.setattr(joint_sweep, "_moved_behind", lambda mrf: np.ones((mrf.nodes, mrf.model.dof), dtype=bool))
+    twice = elsewhere(np.random.default_rng(0), problem, root[None], truth[None], plan)
+    assert rows[1:3] == of_joints[:2] and rows[3] == 2 * of_joints[2] > 0
+    for one, both in zip(once, twice, strict=True):
+        np.testing.assert_allclose(one, both, atol=1e-6, rtol=1e-6)
 
 
 def slow_basin(score: list[float], start: int, value: float, most: float, wraps: bool) -> set[int]:

@@ -170,7 +170,7 @@ def _votes(
 ) -> NDArray[np.int64]:
     """(H,): how many of the oriented `points` (P, 3) are within `reach` (P,), metres, of each plane `n` (H, 3), `d`
     (H,) and face its way: of a few planes at a time, whose numbers stay in the processor's cache."""
-    places, ways = points.T.astype(np.float32), normals.T.astype(np.float32)
+    places, ways = (columns.T.astype(np.float32, order="C") for columns in (points, normals))
     votes = np.empty(len(n), dtype=np.int64)
     for begin in range(0, len(n), AT_ONCE):
         some = slice(begin, begin + AT_ONCE)

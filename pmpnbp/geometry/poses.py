@@ -9,6 +9,9 @@ arithmetic. For the same reason they are called as NumPy's own ufuncs (`.ufunc`)
 
 from __future__ import annotations
 
+import fcntl
+from contextlib import ExitStack, suppress
+
 import numpy as np
 from numba import float64, guvectorize, njit
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +22,14 @@ IDENTITY: Array = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 IDENTITY.setflags(write=False)
 ORIGIN: Array = np.zeros(3)
 ORIGIN.setflags(write=False)
+
+# One process at a time compiles what follows, or reads it. Of each ufunc numba keeps the loop in one file and in
+# another the wrapper, which finds the loop by a name that counts what its process compiled before. Of two processes
+# that begin at once each may keep one, and whoever reads both calls an address that is none. The source itself is
+# locked, as it can be read wherever it is; where a file system has no locks it goes without.
+_turn_taken = ExitStack()
+with suppress(OSError):
+    fcntl.flock(_turn_taken.enter_context(open(__file__, "rb")), fcntl.LOCK_EX)  # noqa: SIM115
 
 
 @njit
@@ -114,6 +125,9 @@ def _inverse(pose, out):  # type: ignore[no-untyped-def]
     out[1] = -(pose[1] + 2.0 * (z * cx - x * cz))
     out[2] = -(pose[2] + 2.0 * (x * cy - y * cx))
     out[3], out[4], out[5], out[6] = w, x, y, z
+
+
+_turn_taken.close()
 
 
 def quaternion_multiply(a: Array, b: Array) -> Array:

@@ -114,9 +114,14 @@ def _near_best(
     """Rows of those of the `most` best, best first, that are not `behind` the best by a larger share of its score, one
     for each place."""
     order = np.argsort(-score, kind="stable")[:most]
-    order = order[score[order] >= score.max() - behind * abs(score.max())]
+    order = order[_keeps_up(score[order], score.max(), behind)]
     chosen, _ = distinct(problem, tried, order, len(order), plan.diffusion_position)
     return chosen
+
+
+def _keeps_up(score: Array, best: float, behind: float) -> NDArray[np.bool_]:
+    """(H,): which of the scores (H,) are not behind the best by a larger share of it."""
+    return score >= best - behind * abs(best)
 
 
 def _contested(
@@ -129,7 +134,7 @@ def _contested(
     order = np.argsort(-score, kind="stable")
     by_root = replace(rivals, unary=np.where(np.arange(problem.mrf.nodes) == 0, rivals.unary, 0.0))
     apart, _ = distinct(problem, by_root, order, len(order), plan.diffusion_position)
-    close = apart[score[apart] >= score.max() - CLOSE * abs(score.max())]
+    close = apart[_keeps_up(score[apart], score.max(), CLOSE)]
     near = rivals.taken(close)
     others = _with_a_joint_elsewhere(rng, problem, shifted(rng, problem, near), plan, effort.rivals, anywhere=True)
     if len(close) == 1:
@@ -173,8 +178,7 @@ def _raced(
     """As `_polished` at the tolerance of `plan`, without those that after HEAT rounds are hopeless beside the best of
     them and of others, the best of which has the profile score `known`."""
     tried, score = _polished(rng, problem, tried, plan, plan.tolerance, HEAT)
-    best = score.max(initial=known)
-    left = tried.taken(np.flatnonzero(score >= best - HOPELESS * abs(best)))
+    left = tried.taken(np.flatnonzero(_keeps_up(score, score.max(initial=known), HOPELESS)))
     if not len(left.roots):
         return left, np.zeros(0)
     return _polished(rng, problem, left, plan, plan.tolerance, rounds - HEAT)

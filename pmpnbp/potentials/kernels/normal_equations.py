@@ -191,43 +191,22 @@ def _add_part(products: Any, pull: Any, motions: Any, moving: Any, count: int, i
 
 
 @kernel(error_model="numpy")
-def _add_range(
-    start: int,
-    step: int,
-    image: Any,
-    mesh: Any,
-    poses: Any,
-    probes: Any,
-    terms: Any,
-    gates: Any,
-    steepest: float,
-    information: Any,
-    gradient: Any,
-) -> None:
+def _add_range(start: int, step: int, image: Any, mesh: Any, work: Any) -> None:
+    """`add_normal_equations` of every `step`th object from the one numbered `start` on. work : all that it takes beside
+    image and mesh"""
+    poses, probes, _, gates, _, _, _ = work
     width, nodes = image[0].shape[1] - 2, poses.shape[2]
     room, patch_counts = scratch(mesh, width, image[0].shape[0] - 2), patch_room(image[4], width)
     sums = np.empty((len(gates), nodes, 6, 10)), np.empty((len(gates), nodes, FEATURES))
     motions, moving = np.empty((probes.shape[1], FEATURES)), np.empty(probes.shape[1], dtype=np.int64)
     own = np.zeros((len(gates), 14))
-    held = image, mesh, room, patch_counts, sums, own, motions, moving
-    _add_objects(start, step, held, poses, probes, terms, gates, steepest, information, gradient)
+    _add_objects(start, step, (image, mesh, room, patch_counts, sums, own, motions, moving), work)
 
 
 @inner(error_model="numpy")
-def _add_objects(
-    start: int,
-    step: int,
-    held: Any,
-    poses: Any,
-    probes: Any,
-    terms: Any,
-    gates: Any,
-    steepest: float,
-    information: Any,
-    gradient: Any,
-) -> None:
+def _add_objects(start: int, step: int, held: Any, work: Any) -> None:
     image, mesh, room, patch_counts, sums, own, motions, moving = borrowed(held)
-    poses, information, gradient = borrowed((poses, information, gradient))
+    poses, probes, terms, gates, steepest, information, gradient = borrowed(work)
     packed, lens, pose_camera_world, _, _ = image
     view = (lens, pose_camera_world, packed.shape[1] - 2, packed.shape[0] - 2)
     terms32 = score_terms(terms, terms[4])
@@ -252,20 +231,9 @@ def _add_objects(
 
 
 @kernel(error_model="numpy", parallel=True)
-def _add_parallel(
-    blocks: int,
-    image: Any,
-    mesh: Any,
-    poses: Any,
-    probes: Any,
-    terms: Any,
-    gates: Any,
-    steepest: float,
-    information: Any,
-    gradient: Any,
-) -> None:
+def _add_parallel(blocks: int, image: Any, mesh: Any, work: Any) -> None:
     for block in prange(blocks):
-        _add_range(np.int64(block), blocks, image, mesh, poses, probes, terms, gates, steepest, information, gradient)
+        _add_range(np.int64(block), blocks, image, mesh, work)
 
 
 def add_normal_equations(
@@ -288,8 +256,8 @@ def add_normal_equations(
     information : (H, G, P, P) gets the sum over pixels of weight times slope by slope, gradient : (H, G, P) of weight
         times slope times residual; a pixel's weight is the most that it can add to the object's score
     """
+    work = poses, probes, terms, gates, steepest, information, gradient
     if len(poses) == 1 or get_num_threads() == 1:
-        _add_range(0, 1, image, mesh, poses, probes, terms, gates, steepest, information, gradient)
+        _add_range(0, 1, image, mesh, work)
     else:
-        blocks = min(len(poses), 4 * get_num_threads())
-        _add_parallel(blocks, image, mesh, poses, probes, terms, gates, steepest, information, gradient)
+        _add_parallel(min(len(poses), 4 * get_num_threads()), image, mesh, work)

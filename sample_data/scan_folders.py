@@ -32,7 +32,7 @@ def write_json(path: Path, value: dict[str, Any]) -> None:
 def write_scan(folder: Path, depth: NDArray[np.uint16], camera: Camera, truth: Truth) -> None:
     """Write the four files of a scene into `folder`, which is made. depth : (height, width), millimetres."""
     folder.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(depth).save(folder / "depth.png", optimize=True)
+    Image.fromarray(depth).save(folder / "depth.png")
     write_json(
         folder / "camera.json",
         {

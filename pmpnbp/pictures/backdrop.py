@@ -117,7 +117,7 @@ def _evened(lit: Grey, known: NDArray[np.bool_], depth: Grey) -> tuple[Grey, NDA
     """A mean of the light around each pixel on the same surface, over neighbours that are lit about alike."""
     total, weight = np.zeros_like(lit), np.zeros_like(lit)
     for (down, across), here, there in _neighbours(lit.shape, REACH):
-        near = np.exp(-(down * down + across * across) / (0.5 * REACH * REACH))
+        near = np.float32(np.exp(-(down * down + across * across) / (0.5 * REACH * REACH)))
         same = known[there] & (np.abs(depth[there] - depth[here]) < SAME_SURFACE * depth[here])
         unlike = (lit[there] - lit[here]) / KEPT_CONTRAST
         share = near * same * np.where(known[here], np.maximum(1 - unlike * unlike / 4, 0), 1)

@@ -14,7 +14,7 @@ import httpx
 import pytest
 
 from benchmarks import server_process
-from tests.servers import Served, serving
+from tests.servers import NO_AUTHORITIES, Served, serving
 
 
 @dataclass
@@ -85,7 +85,7 @@ def served_process(tmp_path: Path) -> Iterator[Callable[..., Process]]:
         data_dir = tmp_path / "data"
         server = server_process.start(data_dir, *options, environment=environment)
         headers = {} if server.token is None else {"Authorization": f"Bearer {server.token}"}
-        client = httpx.Client(base_url=server.url, headers=headers, timeout=None)
+        client = httpx.Client(base_url=server.url, headers=headers, timeout=None, verify=NO_AUTHORITIES)
         started.append(Process(server.url, data_dir, server.process, client, server.first_line))
         return started[-1]
 

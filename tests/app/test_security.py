@@ -10,6 +10,7 @@ import httpx
 import pytest
 
 from app.rate_limit import REMEMBERED_CLIENTS, Buckets
+from tests.servers import NO_AUTHORITIES
 
 TOKEN = "correct-horse_battery.staple"
 
@@ -27,7 +28,7 @@ def served(serve_for_module: Callable[..., Any]) -> Any:
 
 
 def anonymous(served: Any, **options: Any) -> httpx.Client:
-    return httpx.Client(base_url=served.url, timeout=None, **options)
+    return httpx.Client(base_url=served.url, timeout=None, verify=NO_AUTHORITIES, **options)
 
 
 def status(client: httpx.Client, path: str = "/api/v1/settings", method: str = "GET", **headers: str) -> int:

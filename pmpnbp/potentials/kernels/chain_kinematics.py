@@ -33,7 +33,7 @@ class Chain(NamedTuple):
     length: float
 
 
-@inner()
+@inner
 def _compose(a, b, out):  # type: ignore[no-untyped-def]
     w, x, y, z = a[3], a[4], a[5], a[6]
     bx, by, bz = b[0], b[1], b[2]
@@ -51,7 +51,7 @@ def _compose(a, b, out):  # type: ignore[no-untyped-def]
     out[0], out[1], out[2] = px, py, pz
 
 
-@inner()
+@inner
 def forward(before, revolute, axes, matrix, offset, q, end, along, origin, motion):  # type: ignore[no-untyped-def]
     """Fills the chain's end (7,) at free motions q, and each axis's direction and place (K, 3). motion : scratch"""
     for d in range(7):
@@ -79,7 +79,7 @@ def forward(before, revolute, axes, matrix, offset, q, end, along, origin, motio
                 end[d] += position * along[k, d]
 
 
-@inner()
+@inner
 def pose_error(end, target, length, error):  # type: ignore[no-untyped-def]
     """(6,) what is missing from the end to the target: metres, and radians times length; returns its square."""
     w, x, y, z = target[3], target[4], target[5], target[6]
@@ -99,7 +99,7 @@ def pose_error(end, target, length, error):  # type: ignore[no-untyped-def]
     return square
 
 
-@inner()
+@inner
 def slopes(revolute, matrix, end, along, origin, length, jacobian):  # type: ignore[no-untyped-def]
     """(6, F): how the end moves with each free motion."""
     for d in range(6):

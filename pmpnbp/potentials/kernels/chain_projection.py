@@ -67,7 +67,7 @@ class _Workspace(NamedTuple):
     work: NDArray[np.float64]
 
 
-@inner()
+@inner
 def _solve(a, b):  # type: ignore[no-untyped-def]
     """b <- a^-1 b, for a symmetric positive a, which is used up (Cholesky)."""
     n = len(b)
@@ -87,7 +87,7 @@ def _solve(a, b):  # type: ignore[no-untyped-def]
         b[i] /= a[i, i]
 
 
-@inner()
+@inner
 def _normal_equations(jacobian, error, normal, gradient):  # type: ignore[no-untyped-def]
     """Fills J^T J (F, F) and J^T e (F,), and returns the trace of the former."""
     size = _TINY_TRACE
@@ -105,7 +105,7 @@ def _normal_equations(jacobian, error, normal, gradient):  # type: ignore[no-unt
     return size
 
 
-@inner()
+@inner
 def _bounded_step(normal, gradient, damping, q, lower, upper, wraps, held, work, change):  # type: ignore[no-untyped-def]
     """The damped step, the first F of `change`: a free motion that would leave its bounds goes to the bound.
 
@@ -139,7 +139,7 @@ def _bounded_step(normal, gradient, damping, q, lower, upper, wraps, held, work,
             break
 
 
-@inner()
+@inner
 def _rank(chain, starts, target, error, change, chosen, costs):  # type: ignore[no-untyped-def]
     """The `_REFINED` starts (indices in `chosen`) whose linearised problem leaves least."""
     lower, upper, wraps, length = chain.lower, chain.upper, chain.wraps, chain.length
@@ -170,7 +170,7 @@ def _rank(chain, starts, target, error, change, chosen, costs):  # type: ignore[
             costs[slot], chosen[slot] = cost, s
 
 
-@inner()
+@inner
 def _try_step(normal, gradient, change, q, lower, wraps, trial):  # type: ignore[no-untyped-def]
     """Fills `trial` with the free motions `q` after the step `change`; returns what that gains by the linear model."""
     promised = _TINY
@@ -227,7 +227,7 @@ def _refine(chain, target, at):  # type: ignore[no-untyped-def]
     return cost
 
 
-@inner()
+@inner
 def _project(chain, starts, targets, first, last, result):  # type: ignore[no-untyped-def]
     """Fills rows `first` to `last` of `result` (B, F) with the free motions that come closest to `targets` (B, 7)."""
     depth, free = chain.matrix.shape
@@ -262,7 +262,7 @@ def _project(chain, starts, targets, first, last, result):  # type: ignore[no-un
                     result[b, f] = at.q[f]
 
 
-@inner()
+@inner
 def _linearise(chain, starts):  # type: ignore[no-untyped-def]
     """Fills all but the free motions of `starts`."""
     before, revolute, axes, matrix, offset, _, _, _, length = chain
@@ -284,7 +284,7 @@ def _linearise(chain, starts):  # type: ignore[no-untyped-def]
 
 
 # Plain tuples at the border: numba takes 0.6 ms a call to recognise named ones.
-@kernel()
+@kernel
 def _serial(links, look, targets, result):  # type: ignore[no-untyped-def]
     chain, starts = Chain(*links), _Starts(*look)
     _linearise(chain, starts)

@@ -25,7 +25,7 @@ BITS = 32
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
-@inner(error_model="numpy")
+@inner
 def _count_across(drawn: Any, scan: Any, place: Any, spot: Any, ends: Any, counts: Any) -> None:
     """Count what a line along a row or column meets where it leaves the object: AHEAD pixels back and as many on.
 
@@ -66,7 +66,7 @@ def _count_across(drawn: Any, scan: Any, place: Any, spot: Any, ends: Any, count
     beyond[patch] += count
 
 
-@inner(error_model="numpy")
+@inner
 def patch_room(count: int, width: int) -> Any:
     """Memory for `weigh_patches`, for one thread, patches 0 to count - 1 and images of a width: int32 twice to count
     in, float32 weights, all 1, and which pixels of a row are covered, a bit each."""
@@ -74,7 +74,7 @@ def patch_room(count: int, width: int) -> Any:
     return counts[0], counts[1], np.ones(count, dtype=np.float32), np.empty(width // BITS + 1, dtype=np.uint32)
 
 
-@inner(error_model="numpy", fastmath={"nnan", "nsz"})
+@inner(fastmath={"nnan", "nsz"})
 def _covered(values: Any, count: Any) -> Any:
     """Which of the first `count` values, at most BITS, are drawn: a bit each. A sum of bits becomes vectors."""
     bits: Any = np.int32(0)
@@ -83,14 +83,14 @@ def _covered(values: Any, count: Any) -> Any:
     return np.uint32(bits)
 
 
-@inner(error_model="numpy")
+@inner
 def _lowest(bits: Any) -> Any:
     """Number of the lowest bit that is set: the exponent of a float that holds it alone."""
     alone = np.uint32(bits & (~bits + np.uint32(1)))
     return (np.int64(np.float32(alone).view(np.int32)) >> 23) - 127
 
 
-@inner(error_model="numpy")
+@inner
 def weigh_patches(buffer: Any, stride: int, box: Any, packed: Any, patches: Any, terms: Any, room: Any) -> None:
     """Fill the weights of `room`: the share of its reward that each patch is left with.
 

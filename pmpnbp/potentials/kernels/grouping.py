@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pmpnbp.potentials.kernels.compiling import kernel
 
 
-@kernel(error_model="numpy")
+@kernel
 def group(
     marks: NDArray[np.float64], evidence: NDArray[np.float64], most: int, apart: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -205,7 +205,7 @@ def _sum_of_powers(values, begin, end, least):  # type: ignore[no-untyped-def]
     return total
 
 
-@inner()
+@inner
 def _lay_out(poses, frame, second, kind, is_parent, origin, fields):  # type: ignore[no-untyped-def]
     # fields: 0-2 position, 3-5 axis (or position of the second limit), 6-9 quaternion, 10-13 the second limit's
     limits = kind >= LIMITS and is_parent
@@ -234,7 +234,7 @@ def _lay_out(poses, frame, second, kind, is_parent, origin, fields):  # type: ig
                 fields[5, i] = 1 - 2 * (rx * rx + ry * ry)
 
 
-@inner()
+@inner
 def _prepare(jobs, laid_out):  # type: ignore[no-untyped-def]
     """Fills `laid_out`: the fields of s and t, how far each t's log weight lies behind the highest, and that."""
     kind, is_parent, frames_s, frames_t, seconds, _, poses_s, poses_t, log_weights, _, _ = jobs
@@ -252,7 +252,7 @@ def _prepare(jobs, laid_out):  # type: ignore[no-untyped-def]
             behind[q, j] = _NOTHING if lost else min((highest[q] - log_weights[q, j]) * _LOG2E, _NOTHING)
 
 
-@inner()
+@inner
 def _block(q, first, last, jobs, kp, ko, laid_out, result):  # type: ignore[no-untyped-def]
     """Rows `first` to `last` of job q. kp, ko : what a squared metre and a squared radian cost"""
     kind, is_parent, _, _, _, shape, _, _, _, start, stop = jobs
@@ -279,7 +279,7 @@ def _block(q, first, last, jobs, kp, ko, laid_out, result):  # type: ignore[no-u
             result[q, i] = highest[q] + (np.log2(np.float64(total)) - np.float64(least)) / _LOG2E
 
 
-@kernel()
+@kernel
 def _serial(jobs, kp, ko, laid_out, result):  # type: ignore[no-untyped-def]
     _prepare(jobs, laid_out)
     for q in range(result.shape[0]):

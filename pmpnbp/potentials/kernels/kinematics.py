@@ -12,7 +12,7 @@ from pmpnbp.potentials.kernels.compiling import inner, kernel
 PARALLEL_FROM, BLOCK = 4096, 64
 
 
-@inner()
+@inner
 def _multiply(a, b, out):  # type: ignore[no-untyped-def]
     """out = a * b, poses of seven numbers; out may not alias a or b."""
     w, x, y, z = a[3], a[4], a[5], a[6]
@@ -30,7 +30,7 @@ def _multiply(a, b, out):  # type: ignore[no-untyped-def]
     out[6] = w * b[6] + x * b[5] - y * b[4] + z * b[3]
 
 
-@inner()
+@inner
 def _invert(a, out):  # type: ignore[no-untyped-def]
     """out = a^-1; out may not alias a."""
     w, x, y, z = a[3], -a[4], -a[5], -a[6]
@@ -47,7 +47,7 @@ def _invert(a, out):  # type: ignore[no-untyped-def]
     out[6] = z
 
 
-@kernel()
+@kernel
 def _through_range(  # type: ignore[no-untyped-def]
     start, stop, poses_from, edge, to_child, axis_positions, axis_count, before, revolute, axes, after, out
 ):

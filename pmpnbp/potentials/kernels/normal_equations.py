@@ -29,7 +29,7 @@ _OF_AXES = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 _OF_POINTS = np.array([[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]])
 
 
-@inner(error_model="numpy")
+@inner
 def _plane(mesh: Any, node: int, face: int, m: Any) -> Any:
     """The plane of a face in the camera's frame, in which `m` is its part's map: three numbers whose product with any
     of its points is 1."""
@@ -48,7 +48,7 @@ def _plane(mesh: Any, node: int, face: int, m: Any) -> Any:
     return x / distance, y / distance, z / distance
 
 
-@inner(error_model="numpy")
+@inner
 def _add_face(plane: Any, node: int, own: Any, sums: Any) -> None:
     """Add the sums over a face's pixels (G, 14) to its part's, and set them to zero. sums : see `_add_pixels`"""
     x, y, z = plane
@@ -70,7 +70,7 @@ def _add_face(plane: Any, node: int, own: Any, sums: Any) -> None:
         here[:] = 0.0
 
 
-@inner(error_model="numpy")
+@inner
 def _add_pixels(
     room: Any,
     drawn: Any,
@@ -143,7 +143,7 @@ def _add_pixels(
     _add_face(plane, node, own, sums)
 
 
-@inner(error_model="numpy")
+@inner
 def _motion(pose_camera_world: Any, before: Any, after: Any, probe: float, motion: Any) -> bool:
     """Velocity of a part's points by their place, in the camera's frame: E row by row, each row with its number of e
     (FEATURES,), of a move by `probe` from a pose or map `before` to the one `after`. Returns whether it moves."""
@@ -168,7 +168,7 @@ def _motion(pose_camera_world: Any, before: Any, after: Any, probe: float, motio
     return True
 
 
-@inner(error_model="numpy")
+@inner
 def _add_part(products: Any, pull: Any, motions: Any, moving: Any, count: int, information: Any, gradient: Any) -> None:
     """Add a part's sums (6, 10), (FEATURES,) to information (P, P) and gradient (P,), by its motions (count, FEATURES)
     in the parameters numbered `moving` (count,)."""
@@ -190,7 +190,7 @@ def _add_part(products: Any, pull: Any, motions: Any, moving: Any, count: int, i
                 information[moving[b], moving[a]] += total
 
 
-@kernel(error_model="numpy")
+@kernel
 def _add_range(start: int, step: int, image: Any, mesh: Any, work: Any) -> None:
     """`add_normal_equations` of every `step`th object from the one numbered `start` on. work : all that it takes beside
     image and mesh"""
@@ -203,7 +203,7 @@ def _add_range(start: int, step: int, image: Any, mesh: Any, work: Any) -> None:
     _add_objects(start, step, (image, mesh, room, patch_counts, sums, own, motions, moving), work)
 
 
-@inner(error_model="numpy")
+@inner
 def _add_objects(start: int, step: int, held: Any, work: Any) -> None:
     image, mesh, room, patch_counts, sums, own, motions, moving = borrowed(held)
     poses, probes, terms, gates, steepest, information, gradient = borrowed(work)
@@ -230,7 +230,7 @@ def _add_objects(start: int, step: int, held: Any, work: Any) -> None:
                         _add_part(products, pull, motions, moving, count, information[h, gate], gradient[h, gate])
 
 
-@kernel(error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def _add_parallel(blocks: int, image: Any, mesh: Any, work: Any) -> None:
     for block in prange(blocks):
         _add_range(np.int64(block), blocks, image, mesh, work)

@@ -25,7 +25,7 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 CATEGORY_BITS, DEPTH_BITS, FIRM_BIT = np.int32(7), np.int32(2**31 - 1), np.int32(-(2**31))
 
 
-@kernel(error_model="numpy")
+@kernel
 def pack_view(depth: NDArray[np.float32], category: NDArray[np.uint8]) -> NDArray[np.int32]:
     """Depth (h, w) in metres and category (h, w) as one image (h + 2, w + 2) with a border without depth; no pixel is
     firm."""
@@ -42,7 +42,7 @@ def pack_view(depth: NDArray[np.float32], category: NDArray[np.uint8]) -> NDArra
     return packed
 
 
-@kernel(error_model="numpy")
+@kernel
 def pack_patches(patches: NDArray[np.int16]) -> NDArray[np.int16]:
     """Numbers of patches (h, w) with the border of `pack_view`, of patch 0."""
     height, width = patches.shape
@@ -54,20 +54,20 @@ def pack_patches(patches: NDArray[np.int16]) -> NDArray[np.int16]:
     return packed
 
 
-@inner(error_model="numpy")
+@inner
 def depth_of(word: Any) -> Any:
     """The depth that a word holds, metres, float32."""
     return np.int32(word & DEPTH_BITS).view(np.float32)
 
 
-@inner(error_model="numpy")
+@inner
 def pixel_reward(category: Any, support_reward: Any, continued_reward: Any) -> Any:
     """The most that a covered pixel of a category can earn, float32."""
     beside = support_reward if category == SUPPORT else (continued_reward if category == CONTINUED else _ZERO)
     return _ONE if category == OBJECT else beside
 
 
-@inner(error_model="numpy")
+@inner
 def score_terms(terms: Any, continued_reward: Any) -> Any:
     """The terms that `robust_pixel` takes, from an array, with another continued reward: of the whole object a surface
     counts by whether it goes on beyond the outline, known there and not pixel by pixel."""
@@ -75,7 +75,7 @@ def score_terms(terms: Any, continued_reward: Any) -> Any:
     return (*costs, continued_reward, terms[5], terms[6], terms[7], terms[8], terms[9])
 
 
-@kernel(error_model="numpy", fastmath={"nsz", "contract"})
+@kernel(fastmath={"nsz", "contract"})
 def robust_pixel(word: Any, rendered: Any, terms: Any) -> Any:
     """Score of a covered pixel whose packed observation is `word` and whose rendered depth is `rendered`, float32.
 
@@ -102,7 +102,7 @@ def robust_pixel(word: Any, rendered: Any, terms: Any) -> Any:
     return score * nearness * nearness if category != NO_DEPTH else _ZERO
 
 
-@kernel(error_model="numpy", fastmath={"nsz", "contract"})
+@kernel(fastmath={"nsz", "contract"})
 def distance_pixel(word: Any, rendered: Any, ray_length: Any) -> Any:
     """Minus the distance in metres between observed and rendered point of a covered pixel (eq. 10), float32."""
     category = word & CATEGORY_BITS

@@ -17,7 +17,7 @@ BESIDE = 1024
 _ONE, _NEAR, _FAR = np.float32(1), np.float32(NEAR), np.float32(1e9)
 
 
-@inner(error_model="numpy")
+@inner
 def rotation_rows(w: float, x: float, y: float, z: float) -> Any:
     """The nine elements, row by row, of the rotation matrix of a quaternion, times its squared length."""
     return (
@@ -33,7 +33,7 @@ def rotation_rows(w: float, x: float, y: float, z: float) -> Any:
     )
 
 
-@inner(error_model="numpy")
+@inner
 def pose_in_camera(pose_camera_world: Any, pose_world_part: Any) -> Any:
     """Rotation (nine elements, row by row) and translation (three) of pose_camera_part, from two poses (7,)."""
     px, py, pz, aw, ax, ay, az = pose_camera_world
@@ -53,7 +53,7 @@ def pose_in_camera(pose_camera_world: Any, pose_world_part: Any) -> Any:
     )
 
 
-@inner(error_model="numpy")
+@inner
 def map_in_camera(pose_camera_world: Any, map_world_part: Any) -> Any:
     """As `pose_in_camera`, of a linear map of the part: (12,), nine elements row by row and where its origin goes."""
     px, py, pz, w, x, y, z = pose_camera_world
@@ -75,7 +75,7 @@ def map_in_camera(pose_camera_world: Any, map_world_part: Any) -> Any:
     )
 
 
-@inner(error_model="numpy")
+@inner
 def placed_in_camera(pose_camera_world: Any, placed: Any) -> Any:
     """As `pose_in_camera`, of an array that is a pose (7,) or a map (12,)."""
     if len(placed) == 7:
@@ -83,7 +83,7 @@ def placed_in_camera(pose_camera_world: Any, placed: Any) -> Any:
     return map_in_camera(pose_camera_world, placed)
 
 
-@inner(error_model="numpy")
+@inner
 def single(m: Any) -> Any:
     """What `pose_in_camera` returns, in single precision."""
     r0, r1, r2 = np.float32(m[0]), np.float32(m[1]), np.float32(m[2])
@@ -92,7 +92,7 @@ def single(m: Any) -> Any:
     return r0, r1, r2, r3, r4, r5, r6, r7, r8, np.float32(m[9]), np.float32(m[10]), np.float32(m[11])
 
 
-@inner(error_model="numpy", fastmath={"nnan", "nsz", "contract"})
+@inner(fastmath={"nnan", "nsz", "contract"})
 def project(vertices: Any, m: Any, lens: Any, width: int, height: int, us: Any, vs: Any, ws: Any) -> Any:
     """Project the vertices xs, ys, zs of a part, whose pose is `m`, into us, vs (pixels) and ws (1/z).
 
@@ -116,7 +116,7 @@ def project(vertices: Any, m: Any, lens: Any, width: int, height: int, us: Any, 
     return (max(int(left), 0), min(int(right), width - 1), max(int(top), 0), min(int(bottom), height - 1)), False
 
 
-@inner(error_model="numpy", fastmath={"nnan", "nsz", "contract"})
+@inner(fastmath={"nnan", "nsz", "contract"})
 def _project_axis(xs: Any, ys: Any, zs: Any, row: Any, focal: Any, centre: Any, ws: Any, out: Any) -> Any:
     """One image coordinate of all vertices, and the first and last pixel centre between the smallest and the largest.
 

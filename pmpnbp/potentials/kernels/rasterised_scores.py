@@ -19,7 +19,7 @@ PARALLEL_FROM = 16
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
-@inner(error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+@inner(fastmath={"reassoc", "nsz", "contract"})
 def _sum_robust(buffer: Any, stride: int, box: Any, packed: Any, terms: Any) -> float:
     """Sum over the buffer's pixels. Rows are read to the end of their stride, where nothing is drawn: whole vectors."""
     left, _, top, bottom = box
@@ -36,7 +36,7 @@ def _sum_robust(buffer: Any, stride: int, box: Any, packed: Any, terms: Any) -> 
     return total
 
 
-@inner(error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+@inner(fastmath={"reassoc", "nsz", "contract"})
 def _sum_distance(buffer: Any, stride: int, box: Any, packed: Any, lens: Any) -> float:
     left, _, top, bottom = box
     image, width = packed.ravel(), packed.shape[1]
@@ -54,7 +54,7 @@ def _sum_distance(buffer: Any, stride: int, box: Any, packed: Any, lens: Any) ->
     return total
 
 
-@kernel(error_model="numpy")
+@kernel
 def _add_part_range(
     start: int, step: int, image: Any, mesh: Any, part: Any, poses: Any, terms: Any, robust: bool, out: Any
 ) -> None:
@@ -62,7 +62,7 @@ def _add_part_range(
     _add_parts(start, step, (image, mesh, room), part, poses, terms, robust, out)
 
 
-@inner(error_model="numpy")
+@inner
 def _add_parts(start: int, step: int, held: Any, part: Any, poses: Any, terms: Any, robust: bool, out: Any) -> None:
     (image, mesh, room), poses = borrowed((held, poses))
     packed, lens, pose_camera_world, _, _ = image
@@ -76,7 +76,7 @@ def _add_parts(start: int, step: int, held: Any, part: Any, poses: Any, terms: A
             out[i] += _sum_distance(room[5], stride, box, packed, lens)
 
 
-@inner(error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+@inner(fastmath={"reassoc", "nsz", "contract"})
 def _sum_weighed(buffer: Any, stride: int, box: Any, packed: Any, patches: Any, weights: Any, terms: Any) -> float:
     """As `_sum_robust`, of what each patch's weight leaves of its pixels' rewards."""
     left, _, top, bottom = box
@@ -96,7 +96,7 @@ def _sum_weighed(buffer: Any, stride: int, box: Any, packed: Any, patches: Any, 
     return total
 
 
-@kernel(error_model="numpy")
+@kernel
 def _add_object_range(
     start: int, step: int, image: Any, mesh: Any, poses: Any, terms: Any, robust: bool, out: Any
 ) -> None:
@@ -105,7 +105,7 @@ def _add_object_range(
     _add_objects(start, step, (image, mesh, room, patch_counts), poses, terms, robust, out)
 
 
-@inner(error_model="numpy")
+@inner
 def _add_objects(start: int, step: int, held: Any, poses: Any, terms: Any, robust: bool, out: Any) -> None:
     (image, mesh, room, patch_counts), poses, terms = borrowed((held, poses, terms))
     packed, lens, pose_camera_world, patches, count = image
@@ -124,7 +124,7 @@ def _add_objects(start: int, step: int, held: Any, poses: Any, terms: Any, robus
                 out[i, k] += _sum_distance(room[5], stride, box, packed, lens)
 
 
-@kernel(error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def _add_parts_parallel(
     blocks: int, image: Any, mesh: Any, part: Any, poses: Any, terms: Any, robust: bool, out: Any
 ) -> None:
@@ -132,7 +132,7 @@ def _add_parts_parallel(
         _add_part_range(np.int64(block), blocks, image, mesh, part, poses, terms, robust, out)
 
 
-@kernel(error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def _add_objects_parallel(blocks: int, image: Any, mesh: Any, poses: Any, terms: Any, robust: bool, out: Any) -> None:
     for block in prange(blocks):
         _add_object_range(np.int64(block), blocks, image, mesh, poses, terms, robust, out)

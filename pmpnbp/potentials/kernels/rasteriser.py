@@ -23,7 +23,7 @@ from pmpnbp.potentials.kernels.triangles import SINGLE, row_stride, scan_clipped
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
-@inner(error_model="numpy")
+@inner
 def scratch(mesh: Any, width: int, height: int) -> Any:
     """Memory to draw into, for one thread: the vertices' u, v and w; chosen faces; each part's box; the z-buffer and
     each pixel's face."""
@@ -40,14 +40,14 @@ def scratch(mesh: Any, width: int, height: int) -> Any:
     )
 
 
-@inner(error_model="numpy")
+@inner
 def _rows(table: Any, begin: int, end: int) -> Any:
     """Columns begin to end of a table (3, …) as three arrays: a slice of all rows at once is not contiguous to the
     compiler, which then makes no vectors."""
     return table[0, begin:end], table[1, begin:end], table[2, begin:end]
 
 
-@inner(error_model="numpy", fastmath={"nnan", "nsz"})
+@inner(fastmath={"nnan", "nsz"})
 def _choose_faces(faces: Any, one_sided: Any, box: Any, us: Any, vs: Any, chosen: Any) -> int:
     """List in `chosen` the faces that may cover a pixel of the box, and return how many. Most of a fine mesh's faces
     fall between pixel centres or turn away; all are asked at once, in vectors, before any is drawn."""
@@ -76,7 +76,7 @@ def _choose_faces(faces: Any, one_sided: Any, box: Any, us: Any, vs: Any, chosen
     return count
 
 
-@inner(error_model="numpy")
+@inner
 def _draw_projected(target: Any, box: Any, vertices: Any, faces: Any, one_sided: Any, chosen: Any) -> None:
     """Draw a part's triangles into a buffer whose first pixel is the first of `box`. target : as of `scan_triangle`,
     with the number of the part's first face; vertices : us, vs, ws; faces : three arrays, as from `_rows`."""
@@ -92,7 +92,7 @@ def _draw_projected(target: Any, box: Any, vertices: Any, faces: Any, one_sided:
         scan_triangle((buffer, owner, first + np.int64(f), stride, width, height), a, b, c, SINGLE)
 
 
-@inner(error_model="numpy")
+@inner
 def _draw_near(target: Any, box: Any, lens: Any, m: Any, vertices: Any, faces: Any) -> None:
     """As _draw_projected, from the vertices xs, ys, zs at pose m of a part that is partly before the near plane."""
     m00, m01, m02, m10, m11, m12, m20, m21, m22, tx, ty, tz = m
@@ -110,7 +110,7 @@ def _draw_near(target: Any, box: Any, lens: Any, m: Any, vertices: Any, faces: A
         scan_clipped(numbered, lens, float(box[0]), float(box[2]), corners, clipped)
 
 
-@inner(error_model="numpy")
+@inner
 def draw_part(node: int, pose: Any, view: Any, mesh: Any, room: Any) -> Any:
     """Draw one part alone into the z-buffer of `room`.
 
@@ -140,7 +140,7 @@ def draw_part(node: int, pose: Any, view: Any, mesh: Any, room: Any) -> Any:
     return box, stride
 
 
-@inner(error_model="numpy")
+@inner
 def draw_object(poses: Any, view: Any, mesh: Any, room: Any, owner: Any) -> Any:
     """As `draw_part`, all parts at poses (N, 7) into one z-buffer. owner : that of `room`, to have the number of the
     face that each pixel shows beside it, see `part_of`, or None"""
@@ -179,13 +179,13 @@ def draw_object(poses: Any, view: Any, mesh: Any, room: Any, owner: Any) -> Any:
     return whole, stride
 
 
-@inner(error_model="numpy")
+@inner
 def part_of(face: int, face_offsets: Any) -> Any:
     """Which part a face is of, by its number among those of all parts."""
     return np.searchsorted(face_offsets, face, side="right") - 1
 
 
-@inner(error_model="numpy")
+@inner
 def _depth_image(box: Any, stride: int, buffer: Any, width: int, height: int) -> Any:
     depth = np.zeros((height, width), dtype=np.float32)
     left, right, top, bottom = box
@@ -197,7 +197,7 @@ def _depth_image(box: Any, stride: int, buffer: Any, width: int, height: int) ->
     return depth
 
 
-@kernel(error_model="numpy")
+@kernel
 def part_depth(node: int, pose: NDArray[np.float64], view: Any, mesh: Any) -> NDArray[np.float32]:
     """Depth (height, width) float32, metres, 0 where nothing is, of one part alone at pose (7,).
 
@@ -208,7 +208,7 @@ def part_depth(node: int, pose: NDArray[np.float64], view: Any, mesh: Any) -> ND
     return _depth_image(box, stride, room[5], view[2], view[3])
 
 
-@kernel(error_model="numpy")
+@kernel
 def object_depth(poses: NDArray[np.float64], view: Any, mesh: Any) -> Any:
     """As `part_depth` for all parts at poses (N, 7), and the part number (height, width) int16, -1 where nothing is."""
     width, height = view[2], view[3]

@@ -20,7 +20,7 @@ from pmpnbp.potentials.kernels.triangles import SINGLE, scan_triangle
 COARSEST, FINEST, ENOUGH = 64, 512, 2000
 
 
-@kernel(error_model="numpy")
+@kernel
 def cell_direction(cell: int, size: int) -> Any:
     """Unit vector at the middle of a cell of the octahedral grid that `splatting.direction_cell` looks up."""
     u = (cell % size + 0.5) / size * 2.0 - 1.0
@@ -34,7 +34,7 @@ def cell_direction(cell: int, size: int) -> Any:
     return x / length, y / length, z / length
 
 
-@inner(error_model="numpy")
+@inner
 def _even_bits(code: int) -> int:
     """The number whose bits are the even bits of `code`."""
     # neighbours move together, in pairs, fours, eights and sixteens
@@ -45,7 +45,7 @@ def _even_bits(code: int) -> int:
     return (code | code >> 8) & 0x0000FFFF
 
 
-@inner(error_model="numpy")
+@inner
 def _sample(vertices: Any, faces: Any, cell: int, size: int, order: Any, jitter: Any, points: Any) -> float:
     """Fill points (3, P) and return the projected area for one direction."""
     dx, dy, dz = cell_direction(cell, size)
@@ -116,7 +116,7 @@ def _sample(vertices: Any, faces: Any, cell: int, size: int, order: Any, jitter:
     return drawn * pixel_u * pixel_v
 
 
-@kernel(error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def _sample_directions(vertices: Any, faces: Any, size: int, order: Any, jitter: Any, points: Any, areas: Any) -> None:
     for cell in prange(size * size):
         areas[cell] = _sample(vertices, faces, np.int64(cell), size, order[cell], jitter[cell], points[cell])

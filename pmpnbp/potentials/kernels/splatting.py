@@ -26,7 +26,7 @@ PARALLEL_FROM, BLOCK = 256, 64
 _ZERO, _ONE, _INDEX_BITS = np.float32(0), np.float32(1), np.int32(0xFFFFFF)
 
 
-@kernel(error_model="numpy")
+@kernel
 def direction_cell(x: float, y: float, z: float, size: int) -> int:
     """Index of the cell of the octahedral grid (size * size cells) that the direction x y z falls into."""
     scale = abs(x) + abs(y) + abs(z)
@@ -40,7 +40,7 @@ def direction_cell(x: float, y: float, z: float, size: int) -> int:
     return row * size + column
 
 
-@inner(error_model="numpy", fastmath={"reassoc", "nsz", "contract"})
+@inner(fastmath={"reassoc", "nsz", "contract"})
 def _sum_points(
     points: Any, start: Any, apart: Any, used: int, m: Any, lens: Any, image: Any, size: Any, terms: Any, robust: bool
 ) -> Any:
@@ -75,7 +75,7 @@ def _sum_points(
     return total
 
 
-@inner(error_model="numpy")
+@inner
 def _seen_along(m: Any, x: float, y: float, z: float) -> Any:
     """A direction in the camera as it is in the part's frame: that which the inverse of `m` maps it to, times the
     determinant. As many times longer it is, as much more a surface seen along it covers once it is mapped."""
@@ -86,7 +86,7 @@ def _seen_along(m: Any, x: float, y: float, z: float) -> Any:
     )
 
 
-@kernel(error_model="numpy")
+@kernel
 def _add_range(
     start: int, stop: int, image: Any, splats: Any, part: Any, poses: Any, terms: Any, robust: bool, used: int, out: Any
 ) -> None:
@@ -125,7 +125,7 @@ def _add_range(
             out[i] += float(total) * area * lens[0] * lens[1] / used
 
 
-@kernel(error_model="numpy", parallel=True)
+@kernel(parallel=True)
 def _add_parallel(
     block: int, image: Any, splats: Any, part: Any, poses: Any, terms: Any, robust: bool, used: int, out: Any
 ) -> None:

@@ -39,7 +39,7 @@ class Tree(NamedTuple):
     outward: NDArray[np.bool_]
 
 
-@inner(error_model="numpy")
+@inner
 def _compose(a: Any, b: Any, out: Any) -> None:
     """out = a * b, poses of seven numbers; out may be a or b."""
     w, x, y, z = a[3], a[4], a[5], a[6]
@@ -54,7 +54,7 @@ def _compose(a: Any, b: Any, out: Any) -> None:
     out[6] = w * bz + x * by - y * bx + z * bw
 
 
-@inner(error_model="numpy")
+@inner
 def _compose_inverse(a: Any, b: Any, out: Any) -> None:
     """out = a^-1 * b; out may be a or b."""
     w, x, y, z = a[3], -a[4], -a[5], -a[6]
@@ -69,7 +69,7 @@ def _compose_inverse(a: Any, b: Any, out: Any) -> None:
     out[6] = w * bz + x * by - y * bx + z * bw
 
 
-@inner(error_model="numpy")
+@inner
 def _invert(pose: Any, out: Any) -> None:
     """out = pose^-1; out may not be pose."""
     for d in range(7):
@@ -77,7 +77,7 @@ def _invert(pose: Any, out: Any) -> None:
     _compose_inverse(pose, out, out)
 
 
-@inner(error_model="numpy")
+@inner
 def _advance(tree: Any, edge: int, axis: int, position: float, motion: Any, pose: Any) -> None:
     """pose <- pose * before * the axis's motion. motion : scratch (7,)"""
     _compose(pose, tree.before[edge, axis], pose)
@@ -91,7 +91,7 @@ def _advance(tree: Any, edge: int, axis: int, position: float, motion: Any, pose
     _compose(pose, motion, pose)
 
 
-@kernel(error_model="numpy")
+@kernel
 def place(tree: Tree, roots: NDArray[np.float64], joints: NDArray[np.float64], part_poses: NDArray[np.float64]) -> None:
     """Fill part poses (C, N, 7) from root poses (C, 7) and joint vectors (C, D)."""
     motion = np.empty(7)
@@ -106,7 +106,7 @@ def place(tree: Tree, roots: NDArray[np.float64], joints: NDArray[np.float64], p
             _compose(pose, tree.after[edge], pose)
 
 
-@inner(error_model="numpy")
+@inner
 def _nearest(tree: Any, edge: int, parent: Any, child: Any, scratch: Any, inverse: Any) -> float:
     """Where an edge brings its child nearest by its one axis, see `closest_axes`. scratch, inverse : (7,)"""
     _compose_inverse(parent, child, scratch)
@@ -123,7 +123,7 @@ def _nearest(tree: Any, edge: int, parent: Any, child: Any, scratch: Any, invers
     return min(max(position, lower), upper)
 
 
-@kernel(error_model="numpy")
+@kernel
 def assemble(
     tree: Tree,
     asked: NDArray[np.float64],

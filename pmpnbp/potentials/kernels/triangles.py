@@ -26,13 +26,13 @@ SINGLE, DOUBLE = np.float32(5e-7), 2e-15
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
-@inner(error_model="numpy")
+@inner
 def row_stride(width: int) -> int:
     """Length of a buffer's rows that are to hold `width` pixels: whole vectors."""
     return (width + LANES - 1) // LANES * LANES
 
 
-@inner(forceinline=True, error_model="numpy", fastmath={"nnan", "nsz", "contract"})
+@inner(forceinline=True, fastmath={"nnan", "nsz", "contract"})
 def scan_triangle(target: Any, a: Any, b: Any, c: Any, slack: Any) -> None:
     """Draw the triangle a b c, each (u, v, w): u v in pixels of the buffer, w its value; slack : SINGLE or DOUBLE, as
     the vertices are. Single precision will do for a triangle that is not much larger than the image.
@@ -78,7 +78,7 @@ def scan_triangle(target: Any, a: Any, b: Any, c: Any, slack: Any) -> None:
         begin += stride
 
 
-@inner(error_model="numpy", fastmath={"nnan", "nsz", "contract"})
+@inner(fastmath={"nnan", "nsz", "contract"})
 def _scan_row(
     buffer: Any, owner: Any, number: int, begin: int, columns: int, edges: Any, value: Any, step: Any, most: Any
 ) -> None:
@@ -94,7 +94,7 @@ def _scan_row(
         buffer[place] = w if front else held
 
 
-@inner(error_model="numpy")
+@inner
 def scan_clipped(target: Any, lens: Any, left: float, top: float, corners: Any, clipped: Any) -> None:
     """As scan_triangle, for corners (3, 3) in camera coordinates of which some may lie before the near plane, into a
     buffer that begins at pixel `left`, `top`. clipped : (4, 3), scratch."""

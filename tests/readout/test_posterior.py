@@ -185,26 +185,36 @@ def test_sizes_that_are_not_known_are_drawn_with_the_rest() -> None:
 
 def test_rivals_are_polished_as_long_as_they_may_be_modes(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     """One is among what is drawn about the estimate, and one looks the same from behind, until more is asked of it."""
-    polished: list[tuple[int, int]] = []
+    polished: list[tuple[int, int, bool]] = []
     real = places.polish
 
-    def noted(*arguments: Any) -> tuple[Array, Array, Array]:
-        polished.append((len(arguments[2]), arguments[-1]))
-        return real(*arguments)
+    def noted(*arguments: Any, draws: bool) -> tuple[Array, Array, Array]:
+        polished.append((len(arguments[2]), arguments[-1], draws))
+        return real(*arguments, draws=draws)
 
     monkeypatch.setattr(places, "polish", noted)
     near = poses.multiply(ROOT, at(0.0005))
     of_estimate(problem, report(problem, near))
     assert not polished
     of_estimate(problem, report(problem, near, TURNED))
-    assert polished == [(1, 1)]  # it rests
-    # one that does not, one that comes no nearer, one that is too far, and one that would have to be better
-    asked = (("LITTLE", -np.inf, POLISH_ROUNDS, 2), ("SLOW", -1e6, 1, 2), ("FAR", -1e6, 0, 2), ("NATS", -1e6, 0, 1))
+    whole, registered = (1, 1, True), (1, 1, False)
+    assert polished == [whole]  # it rests
+    polished.clear()
+    aside = poses.multiply(TURNED, at(0.003))
+    assert len(of_estimate(problem, report(problem, near, aside)).modes) == 2
+    assert polished[:2] == [registered, whole]  # it comes nearer
+    # one that does not, one that is far off and comes no nearer, or is too far, and one that would have to be better
+    asked = (
+        ("LITTLE", -np.inf, [whole] * POLISH_ROUNDS, 2),
+        ("SLOW", -1e6, [registered], 2),
+        ("FAR", -1e6, [], 2),
+        ("NATS", -1e6, [], 1),
+    )
     for name, value, rounds, modes in asked:
         polished.clear()
         monkeypatch.setattr(places, name, value)
         assert len(of_estimate(problem, report(problem, near, TURNED)).modes) == modes
-        assert polished == [(1, 1)] * rounds
+        assert polished == rounds
 
 
 def test_a_spread_is_that_of_the_draws_about_the_estimate(problem: Problem) -> None:

@@ -33,7 +33,7 @@ from pmpnbp.scene.observation import OUTSIDE, SUPPORT
 EDGE, FACE, NOISY, INWARD = 0.85, 0.52, 0.92, 0.065
 # A part as a whole is off by so many metres and by so much of its radius, however many pixels tell of it, and where
 # sizes are free by so much more of what they may be: sizes along three axes are not all that may be wrong of a model.
-LEAST, WHOLE, SHAPE = 0.0001, 0.0003, 0.04
+LEAST, WHOLE, SHAPE = 0.00007, 0.0002, 0.04
 # A part is off on its own, and the object as one, by so many times the smooth error of depth that the scan's flat
 # surfaces show (`scene/depth_distortion.py`): that of it which is flat itself they do not.
 DISTORTED, AS_ONE = 1.25, 0.5

@@ -117,6 +117,7 @@ def _evened(lit: Grey, known: NDArray[np.bool_], depth: Grey) -> tuple[Grey, NDA
     """A mean of the light around each pixel on the same surface, over neighbours that are lit about alike."""
     total, weight = np.zeros_like(lit), np.zeros_like(lit)
     for (down, across), here, there in _neighbours(lit.shape, REACH):
+        # a float64 of NumPy's would make all that follows float64
         near = np.float32(np.exp(-(down * down + across * across) / (0.5 * REACH * REACH)))
         same = known[there] & (np.abs(depth[there] - depth[here]) < SAME_SURFACE * depth[here])
         unlike = (lit[there] - lit[here]) / KEPT_CONTRAST

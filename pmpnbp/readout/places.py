@@ -136,11 +136,10 @@ def _polished(
         found: Array = score[rows] - before
         return found
 
-    far = np.flatnonzero((score > near - FAR) & (score <= near - SLOW))
+    gain, far = np.zeros(len(score)), np.flatnonzero((score > near - FAR) & (score <= near - SLOW))
     if len(far):
-        gain = gains(far, draws=False)
-        far = far[score[far] > near - SLOW - AGAIN * gain]
-    rows = np.union1d(far, np.flatnonzero(score > near - SLOW))
+        gain[far] = gains(far, draws=False)
+    rows = np.flatnonzero(score > near - SLOW - AGAIN * gain)
     for _ in range(POLISH_ROUNDS):
         if not len(rows):
             break

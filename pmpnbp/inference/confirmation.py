@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pmpnbp.geometry.poses import Array
+from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.nuisances import of_last_views
 from pmpnbp.potentials.pixel_kinds import PixelKind, pixel_kinds
@@ -28,6 +29,10 @@ MISSED, FEWEST_PIXELS, IN_SIGHT = 0.25, 20, 0.3
 # there. The root, which all others hang on, is so for more of the latter.
 DENIED, DENIED_WITHIN, ROOT_DENIED, CLUMP = 0.15, 0.015, 0.08, 4
 ALONG_OUTLINE = 0.33
+# A part that is denied is held where it is by one that hangs on it, if this share of what is in sight of that is
+# confirmed, and it is not denied itself: the links of a real arm are seen through where the camera or the shape is a
+# little off, and yet are between what they join.
+HELD = 0.5
 # Pixels that touch one another, at corners too.
 TOUCHING = np.ones((3, 3))
 # Share of the object's pixels that may be outside the region of interest, which is to hold it.
@@ -44,7 +49,8 @@ class Confirmation:
     covered, hidden, confirmed, outside : pixels, of all views: where it is rendered, behind something, as it should be,
         and as something is that lies outside the region of interest
     missed : names of parts that are not where they should be seen; denied : of those that are seen through, and
-    denied_share : the share of `covered` that they have; root_denied : whether the root is one
+    denied_share : the share of `covered` that they have; root_denied : whether the root is one; held : those of the
+        denied that cannot be elsewhere, see HELD
     pixels : of each view (h, w) bool, where the object is rendered, and where it is confirmed
     """
 
@@ -56,6 +62,7 @@ class Confirmation:
     outside: int
     missed: tuple[str, ...]
     denied: tuple[str, ...]
+    held: tuple[str, ...]
     denied_share: float
     root_denied: bool
     pixels: tuple[tuple[View, NDArray[np.bool_], NDArray[np.bool_]], ...]
@@ -116,10 +123,20 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
         outside=outside,
         missed=tuple(names[node] for node in np.flatnonzero(seen & (own[2] < MISSED * own[1]))),
         denied=tuple(names[node] for node in denied),
+        held=tuple(names[node] for node in _held(problem.mrf, denied, own[1], own[2])),
         denied_share=float(own[0, denied].sum() / max(covered, 1)),
         root_denied=0 in denied,
         pixels=tuple(pixels),
     )
+
+
+def _held(mrf: Mrf, denied: NDArray[np.int64], in_sight: Array, confirmed: Array) -> list[int]:
+    """Those of the parts `denied` that are held at both ends: they hang on one part, and one that hangs on them is
+    confirmed. in_sight, confirmed : (N,) pixels"""
+    holds = (in_sight >= FEWEST_PIXELS) & (confirmed >= HELD * in_sight)
+    holds[denied] = False
+    holding = {edge.parent for edge in (mrf.model.edges[number] for number in mrf.tree) if holds[edge.child]}
+    return [node for node in denied.tolist() if node in holding and node != 0]
 
 
 def _clumps(through: NDArray[np.bool_]) -> NDArray[np.bool_]:

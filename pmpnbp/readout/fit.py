@@ -46,7 +46,7 @@ OWN_SHARE, OWN_PIXELS = 0.02, 3
 class Fit:
     """verdict : whether what should be seen is seen; reason : one sentence; explained : the share of it that the scan
     confirms, 0 to 1, weighed as the score is; missed : names of parts that are not where they should be seen; denied :
-    of those that are seen through, whose place is not to be believed, whatever that of the others is."""
+    of those that are seen through and not held, whose place is not to be believed, whatever that of the others is."""
 
     verdict: Verdict
     reason: str
@@ -58,10 +58,11 @@ class Fit:
 def assess(seen: Confirmation) -> Fit:
     """The fit of a place, by what the views say of it."""
     verdict, reason = _judged(seen)
-    if verdict == "good" and seen.denied:
-        it = "it" if len(seen.denied) == 1 else "they"
-        reason = f"{reason}; {_seen_through(seen.denied)}, so that {it} may be elsewhere"
-    return Fit(verdict=verdict, reason=reason, explained=seen.explained, missed=seen.missed, denied=seen.denied)
+    denied = tuple(name for name in seen.denied if name not in seen.held)
+    if verdict == "good" and denied:
+        it = "it" if len(denied) == 1 else "they"
+        reason = f"{reason}; {_seen_through(denied)}, so that {it} may be elsewhere"
+    return Fit(verdict=verdict, reason=reason, explained=seen.explained, missed=seen.missed, denied=denied)
 
 
 def _judged(seen: Confirmation) -> tuple[Verdict, str]:

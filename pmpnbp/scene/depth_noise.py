@@ -20,6 +20,9 @@ COEFFICIENTS = {
     "time_of_flight": (0.0015, -0.0005, 0.0003),
     "stereo": (0.0, 0.0, 0.0033),
 }
+# A surface is about as far away as the object up to this ratio of their depths: the noise of what is farther may be
+# another, of a bare wall without what stereo finds again. All surfaces are asked where fewer second differences tell.
+NEAR, ENOUGH = 1.4, 500
 # A second difference of so many deviations is of a step or a bend.
 STEP = 4.0
 # Pixels across the blocks whose means are compared, each twice as many as the last; how many blocks beside one another
@@ -60,8 +63,12 @@ def depth_noise(view: View, sensor: str = "estimated") -> DepthNoise:
     if not view.distance:
         return DepthNoise(0.0, 1.0)
     measured = view.depth > 0
-    inverse = np.where(measured, 1.0 / np.where(measured, view.depth, 1.0), np.nan)
-    own, _ = _deviation(inverse, 1)
+    everywhere = np.where(measured, 1.0 / np.where(measured, view.depth, 1.0), np.nan)
+    inverse = np.where(np.abs(np.log(everywhere * view.distance)) < np.log(NEAR), everywhere, np.nan)
+    own, count = _deviation(inverse, 1)
+    if count < ENOUGH:
+        inverse = everywhere
+        own, _ = _deviation(inverse, 1)
     larger, area = _together(_flat(inverse, own))
     std = larger * own * view.distance**2
     if sensor in COEFFICIENTS:

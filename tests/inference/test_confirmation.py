@@ -13,6 +13,7 @@ from pmpnbp.inference import problem as problems
 from pmpnbp.inference.confirmation import confirmation
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.unary import render
+from pmpnbp.scene.articulated_object import Joint
 from pmpnbp.scene.observation import NO_DEPTH, OBJECT
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
@@ -108,3 +109,32 @@ def test_a_bar_that_is_all_outline_is_denied_where_it_is_seen_through() -> None:
         return own
 
     assert looked_through(0.01, everywhere) == ("link0",)
+
+
+@pytest.mark.parametrize(
+    ("through", "without", "denied", "held"),
+    [
+        ([1], [], ("link1",), ("link1",)),
+        ([1], [2], ("link1",), ()),
+        ([1, 2], [], ("link1", "link2"), ()),
+        ([2], [], ("link2",), ()),
+        ([0], [], ("link0",), ()),
+    ],
+)
+def test_what_is_seen_through_is_held_by_what_hangs_on_it(
+    through: list[int], without: list[int], denied: tuple[str, ...], held: tuple[str, ...]
+) -> None:
+    """Three blocks in a row: `through` are seen through, nothing is measured of those `without`."""
+    joints = [
+        Joint(f"hinge{k}", "revolute", f"link{k}", f"link{k + 1}", worlds.at(0.0, 0.3), worlds.X, -1.0, 1.0, (k,))
+        for k in range(2)
+    ]
+    model = worlds.articulated(joints, {f"link{k}": worlds.block([0.2, 0.2, 0.2]) for k in range(3)})
+    root, straight = worlds.at(0.0, -0.3, 0.2), np.zeros(2)
+    observation = worlds.seen(model, root, straight, worlds.camera_at((1.2, 0.0, 0.7), (0.0, 0.0, 0.2)))
+    prior = worlds.rough_prior(np.random.default_rng(0), root)
+    row = problems.build(model, observation, prior, worlds.settings(), particles=20)
+    rendered, number = render(row.observation.views[0].camera, row.surfaces, model.part_poses(root, straight))
+    depth = np.where(np.isin(number, through), rendered + np.float32(0.5), rendered)
+    found = confirmation(seen_in(row, np.where(np.isin(number, without), np.float32(0), depth)), root, straight)
+    assert (found.denied, found.held) == (denied, held)

@@ -149,6 +149,18 @@ def test_parts_that_are_seen_through_are_named(denied: tuple[str, ...], said: st
     assert fit.verdict == "good" and fit.reason.endswith(f"; {said} be elsewhere")
 
 
+def test_what_is_held_where_it_is_may_not_be_elsewhere() -> None:
+    seen = replace(confirmation(built(), ROOT, JOINTS), denied=("lid", "pin"), denied_share=0.1, root_denied=False)
+    fit = judged(replace(seen, held=("pin",)))
+    assert fit.denied == ("lid",) and fit.reason.endswith(
+        "; lid is seen through in places, so that it may be elsewhere"
+    )
+    assert judged(replace(seen, held=("lid", "pin"))).denied == ()
+    # where that is why the fit is doubtful, they are named all the same
+    doubted = judged(replace(seen, denied_share=0.6, held=("lid", "pin")))
+    assert doubted.verdict == "doubtful" and doubted.reason.endswith("but lid, pin are seen through in places")
+
+
 def test_an_object_that_reaches_out_of_the_region_is_counted_there() -> None:
     assert confirmation(built(), ROOT, JOINTS).outside == 0
     seen = confirmation(built(top=0.2), ROOT, JOINTS)

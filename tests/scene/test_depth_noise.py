@@ -9,7 +9,7 @@ import pytest
 from scipy import ndimage
 
 from pmpnbp.geometry.camera import Camera
-from pmpnbp.scene.depth_noise import COEFFICIENTS, LEAST, WIDEST, _deviation, depth_noise
+from pmpnbp.scene.depth_noise import COEFFICIENTS, LEAST, NEAR, WIDEST, _deviation, depth_noise
 from pmpnbp.scene.observation import NO_DEPTH, OBJECT, OUTSIDE, View
 from pmpnbp.settings import SENSORS, Settings
 from sample_data import sensor
@@ -33,8 +33,9 @@ def seen(rng: np.random.Generator, coefficient: float, window: float = 0.0, hole
 
 
 def own_noise(view: View) -> float:
-    """Metres: the deviation that neighbours' differences have, in the median."""
-    inverse = np.where(view.depth > 0, 1 / np.where(view.depth > 0, view.depth, 1), np.nan)
+    """Metres: the deviation that neighbours' differences have, in the median, about as far away as the object."""
+    near = (view.depth > view.distance / NEAR) & (view.depth < view.distance * NEAR)
+    inverse = np.where(near, 1 / np.where(near, view.depth, 1), np.nan)
     return _deviation(inverse, 1)[0] * view.distance**2
 
 
@@ -131,6 +132,27 @@ def test_some_err_together_or_none_does(bend: float) -> None:
 def test_what_neighbours_share_a_kind_of_sensor_does_not_tell(rng: np.random.Generator) -> None:
     view = seen(rng, 0.002, 1.2)
     assert depth_noise(view, "stereo").area == depth_noise(view).area > 5
+
+
+def before_a_wall(rng: np.random.Generator, size: int) -> View:
+    """An object `size` pixels across, 1.5 m away, before a wall at 4 m; noise of 0.002 z², metres, and five times that
+    on the wall, shared by its pixels."""
+    depth, category = np.full((90, 120), 4.0), np.full((90, 120), OUTSIDE, np.uint8)
+    depth += 0.01 * depth**2 * shared(rng, 1.2)
+    near = 1.5 + 0.002 * 1.5**2 * rng.standard_normal((size, size))
+    depth[10 : 10 + size, 30 : 30 + size], category[10 : 10 + size, 30 : 30 + size] = near, OBJECT
+    return View(CAMERA, depth.astype(np.float32), category, np.zeros((*depth.shape, 3), np.float32))
+
+
+def test_a_wall_far_behind_the_object_is_not_asked(rng: np.random.Generator) -> None:
+    """Of 7,000 second differences the median is off by 2 % (one deviation)."""
+    std, area = depth_noise(before_a_wall(rng, 60))
+    assert std == pytest.approx(0.002 * 1.5**2, rel=0.15) and area == 1.0
+
+
+def test_all_surfaces_are_asked_where_few_are_as_far_away_as_the_object(rng: np.random.Generator) -> None:
+    std, area = depth_noise(before_a_wall(rng, 12))
+    assert std > 1.5 * 0.002 * 1.5**2 and area > 3.0
 
 
 def test_too_few_blocks_tell_nothing(rng: np.random.Generator) -> None:

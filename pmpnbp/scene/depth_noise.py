@@ -90,11 +90,17 @@ def _flat(inverse: Array, deviation: float) -> Array:
     for kept in (flat, flat.T):
         hole = np.isnan(kept[1:-1])
         kept[1:-1][hole] = (kept[2:] + kept[:-2])[hole] / 2
-    for kept, image in ((flat, inverse), (flat.T, inverse.T)):
-        bent = np.abs(_second_differences(image, 1)) > STEP * np.sqrt(SECOND_DIFFERENCE) * deviation
-        for first in range(3):
-            kept[first : len(bent) + first][bent] = np.nan
-    return flat
+    return _without_bends(flat, inverse, 1, deviation)
+
+
+def _without_bends(flat: Array, image: Array, step: int, deviation: float) -> Array:
+    """What of `flat` (h, w) no second difference of an `image` (h, w) is about that is of a step or a bend."""
+    kept = flat.copy()
+    for own, turned in ((kept, image), (kept.T, image.T)):
+        bent = np.abs(_second_differences(turned, step)) > STEP * np.sqrt(SECOND_DIFFERENCE) * deviation
+        for first in (0, step, 2 * step):
+            own[first : len(bent) + first][bent] = np.nan
+    return kept
 
 
 def _together(flat: Array) -> tuple[float, float]:
@@ -110,6 +116,8 @@ def _together(flat: Array) -> tuple[float, float]:
         deviation, count = _deviation(means, block)
         if count >= FEW * block**2:
             area = max(area, (block * deviation / own) ** 2)
+        # what blocks tell of steps and bends that pixels do not is no noise of the larger ones'
+        means = _without_bends(means, means, block, deviation)
     if area < ALONE:
         return 1.0, 1.0
     apart = max(_deviation(flat, lag)[0] for lag in LAGS) / own

@@ -94,7 +94,8 @@ def _flat(inverse: Array, deviation: float) -> Array:
 
 
 def _without_bends(flat: Array, image: Array, step: int, deviation: float) -> Array:
-    """What of `flat` (h, w) no second difference of an `image` (h, w) is about that is of a step or a bend."""
+    """`flat` (h, w) without what a step or a bend is in, nan there: where a second difference of an `image` (h, w), of
+    pixels `step` apart that have a `deviation`, is too large for noise."""
     kept = flat.copy()
     for own, turned in ((kept, image), (kept.T, image.T)):
         bent = np.abs(_second_differences(turned, step)) > STEP * np.sqrt(SECOND_DIFFERENCE) * deviation
@@ -108,16 +109,17 @@ def _together(flat: Array) -> tuple[float, float]:
     own, _ = _deviation(flat, 1)
     if own <= 0:
         return 1.0, 1.0
-    area, means = 1.0, flat
+    area, means, deviation = 1.0, flat, own
     for block in BLOCKS:
         half = block // 2
+        if half > 1:
+            # steps and bends that only blocks tell
+            means = _without_bends(means, means, half, deviation)
         means = (means[half:] + means[:-half]) / 2
         means = (means[:, half:] + means[:, :-half]) / 2
         deviation, count = _deviation(means, block)
         if count >= FEW * block**2:
             area = max(area, (block * deviation / own) ** 2)
-        # what blocks tell of steps and bends that pixels do not is no noise of the larger ones'
-        means = _without_bends(means, means, block, deviation)
     if area < ALONE:
         return 1.0, 1.0
     apart = max(_deviation(flat, lag)[0] for lag in LAGS) / own

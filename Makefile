@@ -20,7 +20,7 @@ export PYTHONDONTWRITEBYTECODE :=
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder \
   --explain-failures
 
-.PHONY: serve test test-baseline kernels kernels-baseline install lint format types docs benchmark clean system-packages browser
+.PHONY: serve test test-baseline kernels kernels-baseline install lint format types docs benchmark clean system-packages browser test-programs
 .DEFAULT_GOAL := test
 
 ## serve: the server at http://127.0.0.1:8080/ with the sample session open; `make serve SERVE_ARGS="--port 8081"`
@@ -28,7 +28,7 @@ serve: $(SERVE_STAMP)
 	$(BIN)/pmpnbp serve --demo $(SERVE_ARGS)
 
 ## test: format and lint check, type check, tests, then those of numbers as an older processor computes them
-test: browser lint
+test: browser test-programs lint
 	nice $(MAKE) --no-print-directory kernels-baseline & \
 	  $(MAKE) --no-print-directory --jobs 2 types kernels && $(PYTEST) $(PYTEST_ARGS); status=$$?; wait; exit $$status
 	@$(MAKE) --no-print-directory test-baseline
@@ -109,3 +109,7 @@ system-packages:
 
 browser:
 	@sh .ci/browser
+
+# one apt-get at a time
+test-programs: | browser
+	@sh .ci/test_programs

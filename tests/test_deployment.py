@@ -221,9 +221,9 @@ def test_packages_that_are_left_out_are_needed_by_nothing_that_stays(
 
 
 @pytest.mark.skipif(shutil.which("shellcheck") is None, reason="shellcheck is not installed")
-def test_the_script_that_builds_it_is_clean(repository: Path) -> None:
-    script = repository / "docs" / "deployment" / "build_image"
-    assert subprocess.run(["shellcheck", script], stdout=subprocess.PIPE, text=True).stdout == ""
+def test_scripts_are_clean(repository: Path) -> None:
+    scripts = [repository / "docs" / "deployment" / "build_image", *sorted((repository / ".ci").iterdir())]
+    assert subprocess.run(["shellcheck", *scripts], stdout=subprocess.PIPE, text=True).stdout == ""
 
 
 def test_the_script_finds_its_base_in_the_dockerfile(repository: Path) -> None:

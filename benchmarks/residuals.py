@@ -1,7 +1,8 @@
 """What is left between scan and render at the estimate, on a real robot: the likelihood's assumptions against it.
 
 The robust pixel score takes a residual for a draw from a Gaussian of half the tolerance, and pixels for independent.
-Here both are looked at, pixel by pixel, on the real depth images of the xArm 7: `python -m benchmarks.residuals`.
+Here both are looked at, pixel by pixel, on the real depth images of the xArm 7, and whether surfaces that are seen at a
+grazing angle are noisier: `python -m benchmarks.residuals`.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.problem import DEVIATIONS
 from pmpnbp.potentials.surfaces import Surfaces, prepare_surfaces
 from pmpnbp.potentials.unary import render
+from pmpnbp.scene.depth_noise import NEAR, NORMAL_MEDIAN, SECOND_DIFFERENCE
 from pmpnbp.scene.observation import CONTINUED, OBJECT, View
 from pmpnbp.settings import SessionOptions, preset
 
@@ -27,6 +29,8 @@ from pmpnbp.settings import SessionOptions, preset
 EDGES = (0.0, 0.25, 0.5, 0.75, 1.0, 2.0, 4.0)
 # Distances in pixels whose correlation is told, and up to which pixels are asked whether they say the same.
 LAGS, FARTHEST = (1, 2, 4, 8), 12
+# Bins of the tangent between the line of sight and a surface's normal, and of how many a deviation is told.
+SLOPES, ENOUGH = (0.0, 0.5, 1.0, 1.5, 5.0), 30
 
 
 def residual_image(view: View, surfaces: Surfaces, part_poses: Array) -> NDArray[np.float64]:
@@ -52,6 +56,44 @@ def correlation(residuals: NDArray[np.float64]) -> Array:
     mean = products / np.maximum(pairs, 1.0)
     found: Array = mean / mean[FARTHEST, FARTHEST]
     return found
+
+
+def tangents(view: View) -> NDArray[np.float64]:
+    """(h, w): tangent of the angle between the line of sight and the surface's normal, NaN where that is unknown."""
+    rays = view.camera.rays()
+    cosine = np.abs((view.normals * rays).sum(axis=-1)) / np.linalg.norm(rays, axis=-1)
+    with np.errstate(divide="ignore"):
+        found: NDArray[np.float64] = np.sqrt(np.maximum(1.0 / cosine**2 - 1.0, 0.0))
+    return np.where(view.normals.any(axis=-1), found, np.nan)
+
+
+def by_slope(view: View, residuals: NDArray[np.float64], tolerance: float) -> tuple[list[Array], list[Array]]:
+    """Of each bin of SLOPES, of smooth surfaces about as far away as the object: the scan's second differences, metres,
+    as deviations of one pixel; and those of `residuals` (h, w) that are within two tolerances."""
+    depth = np.where(view.depth > 0, view.depth, np.nan).astype(np.float64)
+    bends = np.full((2, *depth.shape), np.nan)
+    bends[0, :, 1:-1] = depth[:, 1:-1] ** 2 * (1 / depth[:, 2:] + 1 / depth[:, :-2] - 2 / depth[:, 1:-1])
+    bends[1, 1:-1] = depth[1:-1] ** 2 * (1 / depth[2:] + 1 / depth[:-2] - 2 / depth[1:-1])
+    smooth = (np.abs(bends) < tolerance * np.sqrt(SECOND_DIFFERENCE)).all(axis=0)
+    smooth &= np.abs(np.log(depth / view.distance)) < np.log(NEAR)
+    place = np.digitize(tangents(view), [*SLOPES[1:], np.inf])  # an unknown one behind the last
+    kept = [smooth & (place == bin) for bin in range(len(SLOPES) - 1)]
+    own = [bends[:, one].ravel() / np.sqrt(SECOND_DIFFERENCE) for one in kept]
+    return own, [residuals[one & (np.abs(residuals) < 2 * tolerance)] for one in kept]
+
+
+def slope_table(views: dict[str, tuple[View, NDArray[np.float64], float]]) -> str:
+    """Deviations by slope, of all views together: of scans from their own surfaces, and from what is rendered."""
+    both = [by_slope(*each) for each in views.values()]
+    rows = []
+    for name, kind in (("the scan's own surfaces (mm)", 0), ("seen minus rendered (mm)", 1)):
+        bins = [np.concatenate(each) for each in zip(*(found[kind] for found in both), strict=True)]
+        rows.append([name, *(f"{1000 * _deviation(one):.1f}" if len(one) > ENOUGH else "–" for one in bins)])
+    return markdown(["tangent", *(f"{low:g} to {high:g}" for low, high in pairwise(SLOPES))], rows)
+
+
+def _deviation(values: Array) -> float:
+    return float(np.median(np.abs(values))) / NORMAL_MEDIAN
 
 
 def core_shares(edges: Sequence[float]) -> Array:
@@ -99,7 +141,7 @@ def report(images: dict[str, tuple[NDArray[np.float64], float]]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None, data: Path = DATA) -> None:
-    """Print both tables."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--iterations", type=int, default=ROBOTS["xarm"].iterations)
     parser.add_argument("--particles", type=int, default=SessionOptions.particles)
@@ -108,12 +150,14 @@ def main(arguments: Sequence[str] | None = None, data: Path = DATA) -> None:
     if not (data / robot.folder).is_dir():
         print(f"{robot.title}: skipped, its data is not there")
         return
-    images = {}
+    views = {}
     for run in measure(robot, 1, chosen.iterations, chosen.particles, settings, data):
         (view,) = run.case.observation.views
         surfaces = prepare_surfaces(run.case.model)
-        images[run.scan] = residual_image(view, surfaces, run.trial.part_poses), settings.tolerance_end
-    print(report(images))
+        image = residual_image(view, surfaces, run.trial.part_poses)
+        views[run.scan] = view, image, settings.tolerance_end
+    images = {name: (image, tolerance) for name, (_, image, tolerance) in views.items()}
+    print(report(images), slope_table(views), sep="\n\n")
 
 
 if __name__ == "__main__":

@@ -54,9 +54,10 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 
 
 @pytest.hookimpl(optionalhook=True)  # of xdist, which a single test can do without
-def pytest_xdist_auto_num_workers() -> int:
-    """One more than there are cores, at most five: a sixth of their time tests wait for browsers and servers."""
-    return min(usable_cores() + 1, 5)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """One more than there are cores, at most five: a sixth of their time tests wait for browsers and servers. Those of
+    numbers wait for nothing, and another worker imports everything once more."""
+    return min(usable_cores() + (not config.getoption("--of-numbers")), 5)
 
 
 def pytest_report_header() -> list[str]:

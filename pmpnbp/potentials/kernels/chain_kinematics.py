@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmpnbp.potentials.kernels.compiling import inner
+from pmpnbp.potentials.kernels.pose_algebra import IDENTITY, product, rotated, seven, shifted, store
 
 
 class Chain(NamedTuple):
@@ -34,49 +35,22 @@ class Chain(NamedTuple):
 
 
 @inner
-def _compose(a, b, out):  # type: ignore[no-untyped-def]
-    w, x, y, z = a[3], a[4], a[5], a[6]
-    bx, by, bz = b[0], b[1], b[2]
-    cx, cy, cz = y * bz - z * by + w * bx, z * bx - x * bz + w * by, x * by - y * bx + w * bz
-    px, py, pz = (
-        a[0] + bx + 2 * (y * cz - z * cy),
-        a[1] + by + 2 * (z * cx - x * cz),
-        a[2] + bz + 2 * (x * cy - y * cx),
-    )
-    bw, bi, bj, bk = b[3], b[4], b[5], b[6]
-    out[3] = w * bw - x * bi - y * bj - z * bk
-    out[4] = w * bi + x * bw + y * bk - z * bj
-    out[5] = w * bj - x * bk + y * bw + z * bi
-    out[6] = w * bk + x * bj - y * bi + z * bw
-    out[0], out[1], out[2] = px, py, pz
-
-
-@inner
-def forward(before, revolute, axes, matrix, offset, q, end, along, origin, motion):  # type: ignore[no-untyped-def]
-    """Fills the chain's end (7,) at free motions q, and each axis's direction and place (K, 3). motion : scratch"""
-    for d in range(7):
-        end[d] = 1.0 if d == 3 else 0.0
+def forward(before, revolute, axes, matrix, offset, q, end, along, origin):  # type: ignore[no-untyped-def]
+    """Fills the chain's end (7,) at free motions q, and each axis's direction and place (K, 3)."""
+    pose = IDENTITY
     for k in range(len(before)):
-        _compose(end, before[k], end)
+        pose = product(pose, seven(before[k]))
         position = offset[k]
         for f in range(len(q)):
             position += matrix[k, f] * q[f]
-        ax, ay, az = axes[k, 0], axes[k, 1], axes[k, 2]
-        w, x, y, z = end[3], end[4], end[5], end[6]
-        cx, cy, cz = y * az - z * ay + w * ax, z * ax - x * az + w * ay, x * ay - y * ax + w * az
-        along[k, 0] = ax + 2 * (y * cz - z * cy)
-        along[k, 1] = ay + 2 * (z * cx - x * cz)
-        along[k, 2] = az + 2 * (x * cy - y * cx)
-        for d in range(3):
-            origin[k, d] = end[d]
+        ax, ay, az = shifted((0.0, 0.0, 0.0) + pose[3:], axes[k, 0], axes[k, 1], axes[k, 2])
+        along[k, 0], along[k, 1], along[k, 2] = ax, ay, az
+        origin[k, 0], origin[k, 1], origin[k, 2] = pose[0], pose[1], pose[2]
         if revolute[k]:
-            sine = np.sin(position / 2)
-            motion[0], motion[1], motion[2] = 0.0, 0.0, 0.0
-            motion[3], motion[4], motion[5], motion[6] = np.cos(position / 2), sine * ax, sine * ay, sine * az
-            _compose(end, motion, end)
+            pose = rotated(pose, np.sin(position / 2), np.cos(position / 2), axes[k])
         else:
-            for d in range(3):
-                end[d] += position * along[k, d]
+            pose = (pose[0] + position * ax, pose[1] + position * ay, pose[2] + position * az) + pose[3:]
+    store(pose, end)
 
 
 @inner

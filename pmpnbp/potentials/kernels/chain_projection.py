@@ -46,7 +46,7 @@ class _Starts(NamedTuple):
 class _Workspace(NamedTuple):
     """What refining a pose writes to: arrays that are made once for many poses.
 
-    q, trial : (F,) free motions, accepted and tried; end, along, origin, motion : see `forward`
+    q, trial : (F,) free motions, accepted and tried; end, along, origin : see `forward`
     error, trial_error : (6,); jacobian, normal, gradient : see `slopes` and `_normal_equations`
     change, held, work : see `_bounded_step`
     """
@@ -56,7 +56,6 @@ class _Workspace(NamedTuple):
     end: NDArray[np.float64]
     along: NDArray[np.float64]
     origin: NDArray[np.float64]
-    motion: NDArray[np.float64]
     error: NDArray[np.float64]
     trial_error: NDArray[np.float64]
     jacobian: NDArray[np.float64]
@@ -190,8 +189,8 @@ def _refine(chain, target, at):  # type: ignore[no-untyped-def]
     """Levenberg-Marquardt from the free motions `at.q`, which are moved to where the squared error is least nearby;
     returns that."""
     before, revolute, axes, matrix, offset, lower, upper, wraps, length = chain
-    q, trial, end, along, origin, motion, error, trial_error, jacobian, normal, gradient, change, held, work = at
-    forward(before, revolute, axes, matrix, offset, q, end, along, origin, motion)
+    q, trial, end, along, origin, error, trial_error, jacobian, normal, gradient, change, held, work = at
+    forward(before, revolute, axes, matrix, offset, q, end, along, origin)
     cost = pose_error(end, target, length, error)
     damping, growth = _DAMPING, 2.0
     slopes(revolute, matrix, end, along, origin, length, jacobian)
@@ -199,7 +198,7 @@ def _refine(chain, target, at):  # type: ignore[no-untyped-def]
     for _ in range(_STEPS):
         _bounded_step(normal, gradient, damping * size, q, lower, upper, wraps, held, work, change)
         promised = _try_step(normal, gradient, change, q, lower, wraps, trial)
-        forward(before, revolute, axes, matrix, offset, trial, end, along, origin, motion)
+        forward(before, revolute, axes, matrix, offset, trial, end, along, origin)
         reached = pose_error(end, target, length, trial_error)
         if not reached < cost:  # worse, or no number
             damping, growth = damping * growth, growth * 2
@@ -237,7 +236,6 @@ def _project(chain, starts, targets, first, last, result):  # type: ignore[no-un
         end=np.empty(7),
         along=np.empty((depth, 3)),
         origin=np.empty((depth, 3)),
-        motion=np.empty(7),
         error=np.empty(6),
         trial_error=np.empty(6),
         jacobian=np.empty((6, free)),
@@ -267,10 +265,10 @@ def _linearise(chain, starts):  # type: ignore[no-untyped-def]
     """Fills all but the free motions of `starts`."""
     before, revolute, axes, matrix, offset, _, _, _, length = chain
     depth, free = matrix.shape
-    along, origin, motion = np.empty((depth, 3)), np.empty((depth, 3)), np.empty(7)
+    along, origin = np.empty((depth, 3)), np.empty((depth, 3))
     normal, column, unit = np.empty((free, free)), np.empty(free), np.zeros(6)
     for s in range(len(starts.motions)):
-        forward(before, revolute, axes, matrix, offset, starts.motions[s], starts.ends[s], along, origin, motion)
+        forward(before, revolute, axes, matrix, offset, starts.motions[s], starts.ends[s], along, origin)
         slopes(revolute, matrix, starts.ends[s], along, origin, length, starts.jacobians[s])
         for d in range(6):
             unit[d] = 1.0

@@ -6,45 +6,11 @@ With few poses starting threads costs more than it saves; the search moves hundr
 import numpy as np
 from numba import get_num_threads, prange
 
-from pmpnbp.potentials.kernels.compiling import inner, kernel
+from pmpnbp.potentials.kernels.compiling import kernel
+from pmpnbp.potentials.kernels.pose_algebra import inverse, product, rotated, seven, slid, store
 
 # Below this many poses a parallel launch costs more than it saves; poses are dealt to the threads in blocks.
 PARALLEL_FROM, BLOCK = 4096, 64
-
-
-@inner
-def _multiply(a, b, out):  # type: ignore[no-untyped-def]
-    """out = a * b, poses of seven numbers; out may not alias a or b."""
-    w, x, y, z = a[3], a[4], a[5], a[6]
-    px, py, pz = b[0], b[1], b[2]
-    # v' = v + 2 u × (u × v + w v)
-    cx = y * pz - z * py + w * px
-    cy = z * px - x * pz + w * py
-    cz = x * py - y * px + w * pz
-    out[0] = a[0] + px + 2.0 * (y * cz - z * cy)
-    out[1] = a[1] + py + 2.0 * (z * cx - x * cz)
-    out[2] = a[2] + pz + 2.0 * (x * cy - y * cx)
-    out[3] = w * b[3] - x * b[4] - y * b[5] - z * b[6]
-    out[4] = w * b[4] + x * b[3] + y * b[6] - z * b[5]
-    out[5] = w * b[5] - x * b[6] + y * b[3] + z * b[4]
-    out[6] = w * b[6] + x * b[5] - y * b[4] + z * b[3]
-
-
-@inner
-def _invert(a, out):  # type: ignore[no-untyped-def]
-    """out = a^-1; out may not alias a."""
-    w, x, y, z = a[3], -a[4], -a[5], -a[6]
-    px, py, pz = -a[0], -a[1], -a[2]
-    cx = y * pz - z * py + w * px
-    cy = z * px - x * pz + w * py
-    cz = x * py - y * px + w * pz
-    out[0] = px + 2.0 * (y * cz - z * cy)
-    out[1] = py + 2.0 * (z * cx - x * cz)
-    out[2] = pz + 2.0 * (x * cy - y * cx)
-    out[3] = w
-    out[4] = x
-    out[5] = y
-    out[6] = z
 
 
 @kernel
@@ -52,44 +18,25 @@ def _through_range(  # type: ignore[no-untyped-def]
     start, stop, poses_from, edge, to_child, axis_positions, axis_count, before, revolute, axes, after, out
 ):
     """`through_joints` of the poses numbered `start` to `stop` of G M."""
-    relative = np.empty(7)
-    scratch = np.empty(7)
-    motion = np.empty(7)
-    first = np.empty(7)
     for place in range(start, stop):
         g, m = place // poses_from.shape[1], place % poses_from.shape[1]
         e = edge[g]
+        here, first = seven(poses_from[g, m]), seven(before[e, 0])
         # all positions have the way to the first axis in common
         if to_child[g]:
-            _multiply(poses_from[g, m], before[e, 0], first)
-        else:
-            for c in range(7):
-                first[c] = before[e, 0, c]
+            first = product(here, first)
         for d in range(axis_positions.shape[2]):
+            pose = first
             for k in range(axis_count[e]):
-                if k == 0:
-                    for c in range(7):
-                        scratch[c] = first[c]
-                else:
-                    _multiply(relative, before[e, k], scratch)
+                if k > 0:
+                    pose = product(pose, seven(before[e, k]))
                 q = axis_positions[g, m, d, k]
-                motion[:] = 0.0
                 if revolute[e, k]:
-                    sine = np.sin(0.5 * q)
-                    motion[3] = np.cos(0.5 * q)
-                    for c in range(3):
-                        motion[4 + c] = sine * axes[e, k, c]
+                    pose = rotated(pose, np.sin(0.5 * q), np.cos(0.5 * q), axes[e, k])
                 else:
-                    motion[3] = 1.0
-                    for c in range(3):
-                        motion[c] = q * axes[e, k, c]
-                _multiply(scratch, motion, relative)
-            if to_child[g]:
-                _multiply(relative, after[e], out[g, m, d])
-            else:
-                _multiply(relative, after[e], scratch)
-                _invert(scratch, relative)
-                _multiply(poses_from[g, m], relative, out[g, m, d])
+                    pose = slid(pose, q, axes[e, k])
+            pose = product(pose, seven(after[e]))
+            store(pose if to_child[g] else product(here, inverse(pose)), out[g, m, d])
 
 
 @kernel(parallel=True)

@@ -106,8 +106,7 @@ class Run:
 def study(arguments: argparse.Namespace) -> Iterator[Run]:
     """All runs, easy ones first."""
     chosen = options.settings(arguments)
-    first = arguments.first + (not arguments.tuning)
-    seeds = range(first, first + 2 * arguments.seeds, 2)
+    seeds = options.halved(arguments)
     warm = False
     with tempfile.TemporaryDirectory() as parent:
         for seed in seeds:
@@ -282,8 +281,7 @@ def main(words: Sequence[str] | None = None) -> None:
     """Print the tables."""
     parser = options.parser("whether the posterior can be trusted", seeds=5, iterations=60)
     parser.add_argument("--families", nargs="*", choices=list(EVERY_FAMILY), default=CHOSEN)
-    parser.add_argument("--tuning", action="store_true", help="the even seeds, that constants may be chosen on")
-    parser.add_argument("--first", type=int, default=0, help="an even number that the seeds begin from (default 0)")
+    options.add_halves(parser)
     parser.add_argument("--no-easy", dest="easy", action="store_false", help="hard scenes only")
     options.add_sensor(parser)
     print(report(list(study(parser.parse_args(words)))))

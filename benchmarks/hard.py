@@ -3,8 +3,8 @@
 Each is run without a prior, its region of interest the object's box and a margin. A run is right where every visible
 part is within 2 cm. A wrong run has a name by the whole-object scores of the estimate and of the polished truth: a
 failure of the search where the truth scores better, of the model where the estimate does, a tie where neither by 2 %.
-Run it: `python -m benchmarks.hard [--seeds 3] [--tuning] [--families tent lamp] [--margin 0.15]
-[--sensor stereo]`.
+Run it: `python -m benchmarks.hard [--seeds 3] [--first 0] [--tuning] [--families tent lamp]
+[--margin 0.15] [--sensor stereo]`.
 """
 
 from __future__ import annotations
@@ -176,14 +176,13 @@ def main(words: Sequence[str] | None = None) -> None:
     """Print the table."""
     parser = options.parser("success on hard scenes", seeds=3, iterations=100)
     parser.add_argument("--families", nargs="*", choices=list(EVERY_FAMILY), default=list(FAMILIES))
-    parser.add_argument("--tuning", action="store_true", help="the even seeds, that settings may be chosen on")
+    options.add_halves(parser)
     options.add_sensor(parser)
     parser.add_argument("--margin", type=float, default=MARGIN, help="metres about the object; below 0: no region")
     arguments = parser.parse_args(words)
-    seeds = range(0 if arguments.tuning else 1, 2 * arguments.seeds, 2)
     runs = study(
         arguments.families,
-        seeds,
+        options.halved(arguments),
         options.settings(arguments),
         particles=arguments.particles,
         iterations=arguments.iterations,

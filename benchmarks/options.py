@@ -33,6 +33,18 @@ def add_sensor(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_halves(parser: argparse.ArgumentParser) -> None:
+    """The options by which a study's seeds are chosen, for `halved`."""
+    parser.add_argument("--tuning", action="store_true", help="the even seeds, that constants may be chosen on")
+    parser.add_argument("--first", type=int, default=0, help="an even number that the seeds begin from (default 0)")
+
+
+def halved(arguments: argparse.Namespace) -> range:
+    """The seeds of a study: the odd ones, or with `--tuning` the even ones."""
+    first = arguments.first + (not arguments.tuning)
+    return range(first, first + 2 * arguments.seeds, 2)
+
+
 def settings(arguments: argparse.Namespace) -> Settings:
     """The preset `robust` with the settings of `--config`. Raises SettingError for an unknown one."""
     return changed(preset("robust"), dict(entry.partition("=")[::2] for entry in arguments.config))

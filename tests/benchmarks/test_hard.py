@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import belief, hard
+from benchmarks import belief, hard, options
 from benchmarks.hard_scenes import EVERY_FAMILY, hard_scene
 from pmpnbp.scene.urdf import load_model
 from sample_data.rendering import posed
@@ -46,6 +46,17 @@ def test_a_tent_stands_on_its_two_outer_edges() -> None:
 )
 def test_a_failure_has_a_name(scores: tuple[float, float], cause: str) -> None:
     assert hard._cause(*scores) == cause
+
+
+def test_what_settings_are_chosen_on_is_never_reported() -> None:
+    parser = options.parser("a study", seeds=3, iterations=1)
+    options.add_halves(parser)
+
+    def seeds(*words: str) -> list[int]:
+        return list(options.halved(parser.parse_args(words)))
+
+    assert seeds() == [1, 3, 5] and seeds("--tuning") == [0, 2, 4]
+    assert seeds("--first", "20", "--seeds", "2") == [21, 23] and seeds("--first", "20", "--tuning") == [20, 22, 24]
 
 
 def test_the_study_reports_by_family(capsys: pytest.CaptureFixture[str]) -> None:

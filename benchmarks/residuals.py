@@ -72,8 +72,9 @@ def by_slope(view: View, residuals: NDArray[np.float64], tolerance: float) -> tu
     as deviations of one pixel; and those of `residuals` (h, w) that are within two tolerances."""
     depth = np.where(view.depth > 0, view.depth, np.nan).astype(np.float64)
     bends = np.full((2, *depth.shape), np.nan)
-    bends[0, :, 1:-1] = depth[:, 1:-1] ** 2 * (1 / depth[:, 2:] + 1 / depth[:, :-2] - 2 / depth[:, 1:-1])
-    bends[1, 1:-1] = depth[1:-1] ** 2 * (1 / depth[2:] + 1 / depth[:-2] - 2 / depth[1:-1])
+    bends[0, :, 1:-1] = np.diff(1.0 / depth, 2, axis=1)
+    bends[1, 1:-1] = np.diff(1.0 / depth, 2, axis=0)
+    bends *= depth**2
     smooth = (np.abs(bends) < tolerance * np.sqrt(SECOND_DIFFERENCE)).all(axis=0)
     smooth &= np.abs(np.log(depth / view.distance)) < np.log(NEAR)
     place = np.digitize(tangents(view), [*SLOPES[1:], np.inf])  # an unknown one behind the last

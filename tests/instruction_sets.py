@@ -25,6 +25,7 @@ WITHOUT_NUMBERS = (
     "tests/calibrate/test_command.py",
     "tests/client",
     "tests/docs",
+    "tests/geometry/test_first_compilation.py",
     "tests/library",
     "tests/pictures/test_palette.py",
     "tests/recording",

@@ -70,17 +70,19 @@ def static_file(name: str, request: Request) -> Response:
 
 def _page(name: str, scripts: str, request: Request) -> Response:
     """A page, and word of its scripts: each would else be asked for only once the one that imports it is there. Its
-    files' addresses hold their version, so that a browser that has them does not ask for them again."""
+    files' addresses hold their version, so that a browser that has them does not ask for them again. What a session's
+    page will need is fetched meanwhile, except for whoever saves data: it is a megabyte."""
     place = f"/static/{_VERSION.now()}/"
     needed = [f'<link rel="modulepreload" href="{place}{module}">' for module in _modules(scripts)]
-    soon = [] if scripts == "session" else [f"{place}{module}" for module in _modules("session")] + client_places()
+    frugal = scripts == "session" or request.headers.get("save-data") == "on"
+    soon = [] if frugal else [f"{place}{module}" for module in _modules("session")] + client_places()
     later = [f'<link rel="prefetch" href="{path}">' for path in soon]
     text = _found(name).read_text(encoding="utf-8").replace('"/static/', f'"{place}')
     text = text.replace("</head>", "\n".join([*needed, *later, "</head>"]))
     tag = f'"{hashlib.sha256(text.encode()).hexdigest()[:32]}"'
     if unchanged(request, tag):
         return not_modified(tag)
-    return HTMLResponse(text, headers={"ETag": tag})
+    return HTMLResponse(text, headers={"ETag": tag, "Vary": "Save-Data"})
 
 
 def _file(name: str, request: Request) -> Response:

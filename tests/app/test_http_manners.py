@@ -137,6 +137,18 @@ def test_a_page_says_which_scripts_it_will_ask_for(shared: Any, path: str, scrip
         assert shared.client.get(link).status_code == 200
 
 
+def test_what_the_next_page_needs_is_fetched_meanwhile_except_by_those_who_save_data(shared: Any) -> None:
+    def soon(**headers: str) -> set[str]:
+        page = shared.client.get("/", headers=headers)
+        assert page.headers["vary"] == "Save-Data"
+        return {
+            path.split("/", 3)[3] for path in re.findall(r'<link rel="prefetch" href="(/static/[^"]+)">', page.text)
+        }
+
+    assert soon() == {f"session/{file.name}" for file in (STATIC / "session").glob("*.js")}
+    assert soon(**{"Save-Data": "on"}) == set()
+
+
 def test_what_a_page_asks_for_may_be_kept_for_good_and_nothing_else(shared: Any) -> None:
     page = shared.client.get("/")
     assert page.headers["cache-control"] == "no-cache"

@@ -38,6 +38,8 @@ PATIENCE = 180_000
 CAPTURES = 20
 # No process is kept ready for a next page, and none is there to draw: an eighth of these tests' time.
 FRUGAL = ("--renderer-process-limit=1", "--in-process-gpu")
+# With it the start page does not have the files of a session's page fetched, which few tests go on to.
+SAVING = {"extra_http_headers": {"Save-Data": "on"}}
 # Leaves a session's page an empty document for its 3D scene, before the scene's program is read. Were it answered from
 # here instead, each of a page's seventy requests would wait for word from here: a seventh of its time.
 WITHOUT_SCENE = r"""if (/\/sessions\/[^/]+\/view\/[^/]+\/$/.test(location.pathname)) {
@@ -58,25 +60,15 @@ class Troubles:
         self.expected.append(text)
 
     def watch(self, page: Page) -> None:
-        """Note console errors, exceptions of scripts, and requests that failed or were refused."""
+        """Note console errors, among which Chromium tells of every request that failed or was refused, and exceptions
+        of scripts. To be told of each request itself takes a fifteenth of these tests' processor time."""
 
         def told(message: Any) -> None:
             if message.type == "error":
                 self.found.append(f"console: {message.text} ({message.location.get('url', '')})")
 
-        def failed(request: Any) -> None:
-            # what a page gives up itself, as when it is left, is no failure
-            if "ERR_ABORTED" not in (request.failure or ""):
-                self.found.append(f"request: {request.url} {request.failure}")
-
-        def answered(response: Any) -> None:
-            if response.status >= 400:
-                self.found.append(f"answer: {response.status} {response.url}")
-
         page.on("console", told)
         page.on("pageerror", lambda error: self.found.append(f"script: {error}"))
-        page.on("requestfailed", failed)
-        page.on("response", answered)
 
     def unexpected(self) -> list[str]:
         """What no test expected."""
@@ -130,7 +122,7 @@ def new_page(browser: Browser, troubles: Troubles, request: pytest.FixtureReques
 
     def open_page(**options: Any) -> Page:
         # how a page moves is nothing that these tests look at
-        settings = {"viewport": SMALL, "reduced_motion": "reduce", "service_workers": "block"} | options
+        settings = {"viewport": SMALL, "reduced_motion": "reduce", "service_workers": "block", **SAVING} | options
         context = browser.new_context(**settings)
         context.set_default_timeout(PATIENCE)
         contexts.append(context)

@@ -62,8 +62,7 @@ def test_a_scan_comes_from_a_file_with_its_camera(page: Page, served: Served, tr
 def test_what_the_server_says_is_shown(page: Page, served: Served, troubles: Troubles) -> None:
     """The scan is gone by the time that it is asked for."""
     session, later = small.after(served.client, 2), small.upload_scan(served.client, "arm")
-    troubles.expect(f"404 {served.url}{session}/scans")
-    troubles.expect("status of 404")
+    troubles.expect(f"status of 404 (Not Found) ({served.url}{session}/scans)")
     opened(page, served, session)
     form = tab(page, "Settings").locator("#new-scan")
     form.get_by_label("scan", exact=True).select_option(later)

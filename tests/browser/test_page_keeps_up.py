@@ -45,7 +45,7 @@ def test_a_view_added_over_rest_is_marked_on_the_timeline(page: Page, served: Se
 @pytest.mark.scene
 def test_after_a_restart_the_scene_shows_what_the_timeline_does(page: Page, tmp_path: Path, troubles: Troubles) -> None:
     troubles.expect("ERR_")
-    troubles.expect("answer: 503")
+    troubles.expect("status of 503")
     with serving(tmp_path) as start:
         served = start().ready()
         session = small.after(served.client, 5)

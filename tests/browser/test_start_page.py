@@ -12,6 +12,7 @@ from playwright.sync_api import Page, expect
 
 from tests.app import small_sessions as small
 from tests.browser.conftest import DESK, PATIENCE, PHONE, Troubles, pixels, scrolls_sideways
+from tests.browser.session_page import wait
 from tests.browser.start_page import card, emptied, sessions
 from tests.servers import Served
 
@@ -256,6 +257,29 @@ def test_a_lost_server_is_said_and_comes_back_by_itself(page: Page, served: Serv
     expect(card(page, "still there")).to_be_visible()
     page.unroute("**/api/v1/sessions")
     expect(page.locator("#trouble")).to_be_hidden()
+
+
+@pytest.mark.parametrize(
+    ("ask", "found"),
+    [
+        ("fetch('/no-such-page')", "status of 404 (Not Found) ({url}/no-such-page)"),
+        (
+            "document.body.append(Object.assign(new Image(), {src: '/no.png'}))",
+            "status of 404 (Not Found) ({url}/no.png)",
+        ),
+        ("fetch('/gone').catch(() => {})", "ERR_FAILED ({url}/gone)"),
+        ("Promise.reject(new Error('not caught'))", "script: not caught"),
+    ],
+)
+def test_a_page_has_a_trouble_where_it_asks_in_vain(
+    page: Page, served: Served, troubles: Troubles, ask: str, found: str
+) -> None:
+    page.route("**/gone", lambda route: route.abort())
+    page.goto(served.url)
+    page.evaluate(f"() => {{ {ask}; }}")
+    wait(page, lambda: bool(troubles.found))
+    troubles.expect(found.format(url=served.url))
+    assert not troubles.unexpected()
 
 
 def test_samples_are_listed_and_made_over_rest(served: Served) -> None:

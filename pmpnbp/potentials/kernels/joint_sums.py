@@ -23,6 +23,7 @@ from numba import prange
 from numpy.typing import NDArray
 
 from pmpnbp.potentials.kernels.compiling import inner, kernel
+from pmpnbp.potentials.kernels.pose_algebra import seven, turned
 
 PRISMATIC, REVOLUTE, LIMITS, LIMITS_SLIDE, LIMITS_TURN = 0, 1, 2, 3, 4
 
@@ -211,7 +212,8 @@ def _lay_out(poses, frame, second, kind, is_parent, origin, fields):  # type: ig
     limits = kind >= LIMITS and is_parent
     for i in range(poses.shape[0]):
         px, py, pz = poses[i, 0] - origin[0], poses[i, 1] - origin[1], poses[i, 2] - origin[2]
-        w, x, y, z = poses[i, 3], poses[i, 4], poses[i, 5], poses[i, 6]
+        pose = seven(poses[i])
+        w, x, y, z = pose[3], pose[4], pose[5], pose[6]
         for k in range(2 if limits else 1):
             local, position, quaternion = (frame, 0, 6) if k == 0 else (second, 3, 10)
             tx, ty, tz = local[0], local[1], local[2]
@@ -219,11 +221,7 @@ def _lay_out(poses, frame, second, kind, is_parent, origin, fields):  # type: ig
             fields[position, i] = px + tx + 2 * (w * cx + y * cz - z * cy)
             fields[position + 1, i] = py + ty + 2 * (w * cy + z * cx - x * cz)
             fields[position + 2, i] = pz + tz + 2 * (w * cz + x * cy - y * cx)
-            bw, bx, by, bz = local[3], local[4], local[5], local[6]
-            rw = w * bw - x * bx - y * by - z * bz
-            rx = w * bx + x * bw + y * bz - z * by
-            ry = w * by - x * bz + y * bw + z * bx
-            rz = w * bz + x * by - y * bx + z * bw
+            rw, rx, ry, rz = turned(pose, local[3], local[4], local[5], local[6])
             fields[quaternion, i] = rw
             fields[quaternion + 1, i] = rx
             fields[quaternion + 2, i] = ry

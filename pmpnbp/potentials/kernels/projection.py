@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from pmpnbp.potentials.kernels.compiling import inner
+from pmpnbp.potentials.kernels.pose_algebra import turned
 
 # The near plane, metres. What lies before it is cut off.
 NEAR = 0.01
@@ -38,12 +39,8 @@ def pose_in_camera(pose_camera_world: Any, pose_world_part: Any) -> Any:
     """Rotation (nine elements, row by row) and translation (three) of pose_camera_part, from two poses (7,)."""
     px, py, pz, aw, ax, ay, az = pose_camera_world
     x, y, z, bw, bx, by, bz = pose_world_part
-    r = rotation_rows(
-        aw * bw - ax * bx - ay * by - az * bz,
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-    )
+    rw, rx, ry, rz = turned(pose_camera_world, bw, bx, by, bz)
+    r = rotation_rows(rw, rx, ry, rz)
     c = rotation_rows(aw, ax, ay, az)
     return (
         *r,

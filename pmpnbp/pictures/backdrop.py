@@ -32,22 +32,29 @@ Value = TypeVar("Value", np.float32, np.bool_)
 
 def backdrop(scan: Scan, width: int, height: int) -> NDArray[np.float32]:
     """The scan as a picture (height, width, 3), sRGB, 0 to 1."""
+    return backdrop_and_depth(scan, width, height)[0]
+
+
+def backdrop_and_depth(scan: Scan, width: int, height: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The same, and the depth (height, width), metres, of what it shows: single lost pixels are filled, and 0 is where
+    more are lost."""
     depth = resized(scan.depth, width, height)
     paper = np.array(rgb(PAPER), dtype=np.float32) / 255
     measured = depth > 0
     if not measured.any():
-        return np.tile(paper, (height, width, 1))
+        return np.tile(paper, (height, width, 1)), depth
     size = max(width, height) / 640
     near, far = np.percentile(depth[measured], (1, 98))
     whole = filled(depth)
+    shown = _without_specks(whole, scan)
     inverse = 1 / np.maximum(whole, 0.5 * near)
     # steps of inverse depth look alike near and far
     tone = np.clip((inverse - 1 / far) / max(1 / near - 1 / far, 1e-6), 0, 1)
     grey = 0.71 + 0.13 * tone + 0.17 * _light(scan, whole) - 0.09 * _shade_behind(inverse, size)
-    lost = ndimage.gaussian_filter((without_specks(depth, scan) <= 0).astype(np.float32), 0.8 * size)[..., None]
+    lost = ndimage.gaussian_filter((shown <= 0).astype(np.float32), 0.8 * size)[..., None]
     # a trace of blue: beside saturated colours plain greys look brown
     lit = np.clip(grey[..., None] * np.array([0.985, 1.0, 1.02]), 0, 1)
-    return (lit * (1 - lost) + paper * lost).astype(np.float32)
+    return (lit * (1 - lost) + paper * lost).astype(np.float32), shown
 
 
 def resized(depth: NDArray[Value], width: int, height: int) -> NDArray[Value]:
@@ -69,11 +76,11 @@ def filled(depth: NDArray[np.float32]) -> NDArray[np.float32]:
     return depth[rows, columns]
 
 
-def without_specks(depth: NDArray[np.float32], scan: Scan) -> NDArray[np.float32]:
-    """`depth`, the scan at a size of its own, with single lost pixels filled, but not where more are lost."""
+def _without_specks(whole: NDArray[np.float32], scan: Scan) -> NDArray[np.float32]:
+    """`whole`, the filled depth at a size of its own, without what was filled where more than specks are lost."""
     lost = scan.depth <= 0
     wide = lost & ndimage.binary_dilation(ndimage.binary_opening(lost, iterations=3), iterations=3)
-    return np.where(resized(wide, depth.shape[1], depth.shape[0]), np.float32(0), filled(depth))
+    return np.where(resized(wide, whole.shape[1], whole.shape[0]), np.float32(0), whole)
 
 
 def scaled(camera: Camera, width: int, height: int) -> Camera:
@@ -119,11 +126,20 @@ def _evened(lit: Grey, known: NDArray[np.bool_], depth: Grey) -> tuple[Grey, NDA
     for (down, across), here, there in _neighbours(lit.shape, REACH):
         # a float64 of NumPy's would make all that follows float64
         near = np.float32(np.exp(-(down * down + across * across) / (0.5 * REACH * REACH)))
-        same = known[there] & (np.abs(depth[there] - depth[here]) < SAME_SURFACE * depth[here])
-        unlike = (lit[there] - lit[here]) / KEPT_CONTRAST
-        share = near * same * np.where(known[here], np.maximum(1 - unlike * unlike / 4, 0), 1)
-        total[here] += share * lit[there]
+        # in place: a new array for each step takes half as long again
+        alike = lit[there] - lit[here]
+        alike /= KEPT_CONTRAST
+        alike *= alike
+        alike /= 4
+        np.subtract(1, alike, out=alike)
+        np.maximum(alike, 0, out=alike)
+        alike[~known[here]] = 1
+        step = depth[there] - depth[here]
+        share = near * (known[there] & (np.abs(step, out=step) < SAME_SURFACE * depth[here]))
+        share *= alike
         weight[here] += share
+        share *= lit[there]
+        total[here] += share
     return np.where(weight > 0, total / np.maximum(weight, 1e-9), 0).astype(np.float32), weight > 0
 
 

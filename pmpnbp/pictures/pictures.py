@@ -22,7 +22,7 @@ from scipy import ndimage
 
 from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
-from pmpnbp.pictures.backdrop import LIGHT, backdrop, resized, scaled, without_specks
+from pmpnbp.pictures.backdrop import LIGHT, backdrop_and_depth, resized, scaled
 from pmpnbp.pictures.palette import INK, PAPER, part_colours, rgb
 from pmpnbp.pictures.part_images import NOTHING, PartImage, PartImages
 from pmpnbp.potentials.pixel_kinds import in_front
@@ -120,8 +120,8 @@ class Pictures:
         name = (scan_name, across)
         if scan_name is not None and name in self._backdrops:
             return self._backdrops[name]
-        depth = without_specks(resized(scan.depth, across, down), scan)
-        prepared = _to_bytes(backdrop(scan, across, down)), depth
+        picture, depth = backdrop_and_depth(scan, across, down)
+        prepared = _to_bytes(picture), depth
         if scan_name is not None:
             self._backdrops[name] = prepared
         return prepared

@@ -29,12 +29,13 @@ def _setting(
     *,
     paper: Any = None,
     low: float = -math.inf,
-    high: float = math.inf,
+    high: float = 100.0,
     choices: tuple[str, ...] = (),
 ) -> Any:
     """One entry. `paper` is the value in the preset `paper` where it differs; `low` and `high` are the smallest and the
-    largest value allowed, the latter where a larger one would take all memory and tell nothing more."""
+    largest value allowed: a larger one would tell nothing more, and take all memory or be too large to reckon with."""
     metadata = {"unit": unit, "help": help_text, "paper": default if paper is None else paper}
+    high = high if type(default) in (int, float) else math.inf
     return field(default=default, metadata=metadata | {"low": low, "high": high, "choices": choices})
 
 
@@ -58,7 +59,11 @@ class SessionOptions:
     )
     # the paper's 0.25 cm
     max_std: float = _setting(
-        0.0025, "m", "a link is certain where its standard deviation is not larger along any axis; above 0", low=0
+        0.0025,
+        "m",
+        "a link is certain where its standard deviation is not larger along any axis; above 0",
+        low=0,
+        high=math.inf,
     )
 
 
@@ -138,9 +143,11 @@ class Settings:
     sigma_position: float = _setting(0.01, "m", "sigma_pos of the pairwise potential, once annealed", low=1e-5)
     sigma_orientation: float = _setting(0.05, "rad", "sigma_ori of the pairwise potential, once annealed", low=1e-5)
     joint_draws: int = _setting(8, "draws", "joint positions tried for each message sample", paper=1, low=1, high=256)
-    joint_memory: float = _setting(0.5, "", "share of those draws taken near positions that did well", paper=0.0, low=0)
+    joint_memory: float = _setting(
+        0.5, "", "share of those draws taken near positions that did well", paper=0.0, low=0, high=1.0
+    )
     neighbour_proposals: float = _setting(
-        0.35, "", "share of a part's particles proposed through joints from its neighbours", paper=0.0, low=0
+        0.35, "", "share of a part's particles proposed through joints from its neighbours", paper=0.0, low=0, high=1.0
     )
     belief_product: Literal["shared", "pooled"] = _setting(
         "shared",

@@ -61,7 +61,7 @@ LIMITED = [name for name, entry in ENTRIES.items() if entry.metadata["high"] < f
 
 
 @pytest.mark.parametrize("name", LIMITED)
-def test_what_would_take_all_memory_is_refused(name: str) -> None:
+def test_what_would_take_all_memory_or_cannot_be_reckoned_with_is_refused(name: str) -> None:
     high = ENTRIES[name].metadata["high"]
     assert getattr(changed(Settings(), {name: high}), name) == high
     with pytest.raises(SettingError, match=f"setting '{name}' is {high + 1}; it must be at most {high}"):

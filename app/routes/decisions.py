@@ -50,10 +50,11 @@ async def get_decision(
 ) -> Any:
     """By the newest iteration, or the one that is named: act where every asked link is certain, no_fit where what
     should be seen is not seen, else look, with views from around the object, that tell most first. The posterior is
-    read out for it, where the inference is not at rest; during the search there is none, and nothing to act on."""
+    read out for it, where the inference is not at rest; during the search there is none, and nothing to act on, nor is
+    there by the newest iteration once scans or settings have changed."""
     session, snapshot, asked = await told_of_links(request, session_id, iteration, links)
     async with long_turn(request):
-        return await anyio.to_thread.run_sync(_decided, session, snapshot, asked or None, max_std, None)
+        return await anyio.to_thread.run_sync(_decided, session, snapshot, iteration, asked or None, max_std, None)
 
 
 @router.post(
@@ -69,21 +70,24 @@ async def post_decision(session_id: SessionId, request: Request, body: DecisionR
     asked = None if body.links is None else list(dict.fromkeys(body.links))
     session, snapshot = await told(request, session_id, body.iteration, asked or ())
     async with long_turn(request):
-        return await anyio.to_thread.run_sync(_decided, session, snapshot, asked, body.max_std, views)
+        return await anyio.to_thread.run_sync(_decided, session, snapshot, body.iteration, asked, body.max_std, views)
 
 
 def _decided(
     session: Source,
     snapshot: Snapshot,
+    iteration: int | None,
     links: Sequence[str] | None,
     max_std: float | None,
     views: Sequence[PlannedView] | None,
 ) -> dict[str, Any]:
     asked = [*snapshot.problem.mrf.model.links] if links is None else [*links]
     limit = snapshot.criteria.max_std if max_std is None else max_std
-    blocking = uncertain(snapshot, asked, limit)
-    action, reason = _action(snapshot, blocking, limit)
-    wanted = action == "look" or views is not None
+    # what it was then, the iteration that is named still is
+    outdated = iteration is None and session.archive.changed_since
+    blocking = asked if outdated else uncertain(snapshot, asked, limit)
+    action, reason = ("look", _outdated(snapshot)) if outdated else _action(snapshot, blocking, limit)
+    wanted = (action == "look" and not outdated) or views is not None
     return {
         "session_id": session.id,
         "iteration": snapshot.iteration,
@@ -96,6 +100,10 @@ def _decided(
         "sight": _sight(snapshot, blocking),
         "views": _views(snapshot, blocking or asked, views, limit) if wanted else [],
     }
+
+
+def _outdated(snapshot: Snapshot) -> str:
+    return f"scans or settings have changed since iteration {snapshot.iteration}: the next one takes them in"
 
 
 def _action(snapshot: Snapshot, blocking: list[str], max_std: float) -> tuple[str, str]:

@@ -11,10 +11,15 @@ from pmpnbp.readout.snapshot import Snapshot
 
 @dataclass(frozen=True)
 class Goal:
-    """To iteration `last`, or until it is so before; `done` is told, or what went wrong."""
+    """To iteration `last`, or until it is so before; `done` is told, or what went wrong.
+
+    verdict : whether the posterior of the last one is read out though the inference is not at rest: who has it iterate
+        to its end expects to hear whether the object was found
+    """
 
     last: int
     until: Until
+    verdict: bool = False
     done: Future[None] = field(default_factory=Future)
 
     def reached(self, newest: Snapshot, changed: bool) -> bool:

@@ -62,9 +62,10 @@ class RecordedInference:
         """The newest iteration's number."""
         return self._archive.iteration if self._newest is None else self._newest.iteration
 
-    def advance(self) -> bool:
-        """Make the next iteration, with what is in force now, and hand it to the recording. False where its read-out
-        gave way: then it was not made, and the next call makes it anew, to the same numbers."""
+    def advance(self, last: int | None = None) -> bool:
+        """Make the next iteration, with what is in force now, and hand it to the recording; its posterior is read out
+        where it is at rest, or the `last` one. False where its read-out gave way: then it was not made, and the next
+        call makes it anew, to the same numbers."""
         began, before = time.perf_counter(), self.newest
         step = self._step or self._archive.resume()
         problem = self._archive.problem(step.iteration + 1)
@@ -74,7 +75,7 @@ class RecordedInference:
         following = engine.following(step, problem)
         made = time.perf_counter() - began
         try:
-            newest = self._read_out(following, problem, before.criteria, self._elapsed + made, before)
+            newest = self._read_out(following, problem, before.criteria, self._elapsed + made, before, last)
         except GaveWay:
             return False
         self._step, self._newest = following, newest
@@ -89,10 +90,16 @@ class RecordedInference:
         self._step = self._newest = None
 
     def _read_out(
-        self, step: Step, problem: Problem, criteria: Criteria, elapsed: float, before: Snapshot | None
+        self,
+        step: Step,
+        problem: Problem,
+        criteria: Criteria,
+        elapsed: float,
+        before: Snapshot | None,
+        last: int | None = None,
     ) -> Snapshot:
         posterior = None
-        if step.converged:
+        if step.converged or step.iteration == last:
             known = before.placed.posterior if before is not None and before.problem is problem else None
             with self._long_read_out.begun() as checkpoint:
                 posterior = at_rest(problem, step.report, known, checkpoint)

@@ -102,7 +102,7 @@ class Session(Source):
         at = self.archive.iteration
         if iterations is None:
             iterations = own - at if at < own else own
-        self._set_goal(Goal(at + iterations, until))
+        self._set_goal(Goal(at + iterations, until, verdict=True))
 
     def step(self, iterations: int = 1) -> Future[None]:
         """Iterate so many times; the future is done after the last. HttpProblem 409, also through the future."""
@@ -225,7 +225,7 @@ class Session(Source):
             self._tell("running")
             if self._inference.iteration % TURN == 0:
                 documents.check_room(self._store)
-            if not self._inference.advance():
+            if not self._inference.advance(goal.last if goal.verdict else None):
                 return
             self._turn += 1
             if goal.reached(self._inference.newest, changed=False):

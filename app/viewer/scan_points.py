@@ -118,7 +118,8 @@ def _shade(grey: Floats, tone: Floats) -> Floats:
     """(P,) light alone: the backdrop's grey without what its depth makes of it."""
     if len(grey) < 2:
         return np.ones_like(grey)
-    slope, level = np.polyfit(tone, grey, 1)
+    # of a wall seen head-on all depths, and so all tones, are one
+    slope, level = np.polyfit(tone, grey, 1) if np.ptp(tone) > 0 else (0.0, grey.mean())
     return np.clip(1 + 1.4 * (grey - slope * tone - level), 0.7, 1.25).astype(np.float32)
 
 

@@ -116,7 +116,8 @@ def _looked_elsewhere(
         state = replace(found, root=roots[best], joints=joints[best])
         part_poses = problem.mrf.part_poses(roots[best], joints[best])
         report = replace(its_report, map_poses=part_poses, map_joints=joints[best], map_score=float(score[best]))
-    note = f"{100 * rest.left:.0f} % as much as the best place explains was left; the object was looked for there, too"
+    much = f"{100 * rest.left:.0f} % as much as" if rest.left < 1 else "more than"
+    note = f"{much} the best place explains was left; the object was looked for there, too"
     return replace(state, rivals=rivals), report, (note,)
 
 

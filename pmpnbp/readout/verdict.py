@@ -27,7 +27,7 @@ def advice(result: Mapping[str, Any]) -> str:
     if result["fit"] is None:
         return "Next: let it make more iterations"
     if result["fit"] != "good":
-        return "Next: look again from another place, and give a box around the object, if you know one"
+        return "Next: check model, camera pose and prior, or give a (tighter) box around the object"
     unsure = [name for name, link in result["links"].items() if not link["certain"]]
     # no look tells which way they are turned
     alike = [name for name in unsure if _looks_the_same(result["links"][name])]

@@ -1,13 +1,15 @@
 """Which camera took a scan? Reads camera.json: image size, intrinsics, and where the camera stood.
 
 The file says `{"width","height","fx","fy","cx","cy"}` in pixels, and may say `"T_world_camera"` (16 numbers, row-major,
-the optical frame in world), `"frame_id"` and `"stamp"` (seconds). Members beside these are left alone.
+the optical frame in world), `"frame_id"` and `"stamp"` (seconds). Members beside these are left alone, but for those
+that may be meant for the pose: without it, all that is found would be told in another frame.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +24,9 @@ from pmpnbp.scene.reach import FARTHEST, WIDEST_RAY
 
 # More than any depth camera gives; keeps a hostile header from asking for gigabytes.
 LARGEST_SIDE = 8192
+# Share that a member's name has of the pose's, as difflib counts it, from which on that may be meant: T_camera_world's
+# is 0.57, camera_name's 0.48.
+ALIKE = 0.55
 # Seconds or pixels; a stamp in nanoseconds is beyond it.
 LARGEST_NUMBER = 1e12
 
@@ -101,6 +106,12 @@ def _focal_length(members: Mapping[str, object], key: str, name: str) -> float:
 def _pose(members: Mapping[str, object], name: str) -> Array:
     rows = members.get("T_world_camera")
     if rows is None:
+        others = [key for key, value in members.items() if key != "T_world_camera" and isinstance(value, list)]
+        if meant := get_close_matches("T_world_camera", others, 1, ALIKE):
+            raise ScanError(
+                f"{name} has a member '{meant[0]:.60}', but no 'T_world_camera'; expected the camera's pose in world "
+                "by that name, or none"
+            )
         return IDENTITY
     numbers = [finite_number(value) for value in rows] if isinstance(rows, list) else []
     if len(numbers) != 16 or None in numbers:

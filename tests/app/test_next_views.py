@@ -39,6 +39,28 @@ def test_a_decision_is_made_by_the_iteration_that_is_named(client: httpx.Client,
     problem(client.get(f"{rested}/decision?iteration={iteration + 1}"), 404, f"it has 0 to {iteration}")
 
 
+def test_nothing_is_acted_on_that_a_change_has_outdated(client: httpx.Client) -> None:
+    path = small.create(client)
+    client.post(f"{path}/run", json={"until": "converged"}).raise_for_status()
+    iteration = small.at_rest(client, path)["iteration"]
+    asked = f"{path}/decision?max_std=1000"
+    before = client.get(asked).json()
+    assert (before["action"], before["certain"], before["blocking"]) == ("act", True, [])
+    scan = small.upload_scan(client, "closed")
+    client.post(f"{path}/scans", json={"scan_id": scan, "mode": "replaces"}).raise_for_status()
+    outdated = client.get(asked).json()
+    Decision.model_validate(outdated)
+    assert (outdated["action"], outdated["certain"], outdated["views"]) == ("look", False, [])
+    assert (
+        outdated["reason"] == f"scans or settings have changed since iteration {iteration}: the next one takes them in"
+    )
+    assert outdated["blocking"] == outdated["links"]
+    # what it was then it still is
+    assert client.get(f"{asked}&iteration={iteration}").json() == before
+    small.step(client, path, 1)
+    assert "have changed" not in client.get(asked).json()["reason"]
+
+
 def test_what_hides_a_link_is_told_of_those_that_block(client: httpx.Client, rested: str) -> None:
     found = client.get(f"{rested}/decision?links=drawer1,handle2").json()
     Decision.model_validate(found)

@@ -18,6 +18,8 @@ from app.viewer.painter import STAGES, Painter
 from app.viewer.scan_points import scan_points
 from app.viewer.scenery import Scenery, Shared
 from app.viewer.view import View
+from pmpnbp.geometry.camera import Camera
+from pmpnbp.scene.observation import Scan
 from tests.app import small_sessions as small
 from tests.app.open_views import drawn, looking, painter, state
 
@@ -46,6 +48,16 @@ def test_an_iteration_is_drawn_with_the_scans_it_was_made_with(serve: Callable[.
     finally:
         view.close()
         own.close()
+
+
+@pytest.mark.parametrize("nearer", [0, 1, 2000])
+def test_a_wall_seen_head_on_has_points(nearer: int) -> None:
+    """All of its depths are one, and what stands before it is hardly anything of the picture."""
+    depth = np.full((480, 640), 2.0, dtype=np.float32)
+    depth.ravel()[150_000 : 150_000 + nearer] = 1.8
+    cloud = scan_points(Scan(Camera(640, 480, 525.0, 525.0, 319.5, 239.5), depth))
+    assert len(cloud.points) == cloud.measured.size
+    assert np.isfinite(cloud.shade).all() and np.ptp(cloud.shade) < 0.6
 
 
 def test_a_problem_lives_as_long_as_its_shapes_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:

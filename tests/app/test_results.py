@@ -267,6 +267,19 @@ def test_the_posterior_stays_while_the_estimate_does(client: httpx.Client, reste
     assert rows[-2]["std_xyz"] == {link: again["links"][link]["std_xyz"] for link in LINKS}
 
 
+def test_a_run_that_ends_before_anything_is_at_rest_tells_whether_the_object_was_found(client: httpx.Client) -> None:
+    path = small.create(client)
+    client.post(f"{path}/run", json={"iterations": 4}).raise_for_status()
+    assert not small.at_rest(client, path)["converged"]
+    found = client.get(f"{path}/estimate").json()
+    assert (found["iteration"], found["converged"], found["posterior_iteration"]) == (4, False, 4)
+    assert found["fit"] is not None and client.get(path).json()["fit"] == found["fit"]
+    # who makes one iteration after the other looks at the algorithm, and may ask for it
+    small.step(client, path)
+    assert client.get(f"{path}/estimate").json()["fit"] is None
+    assert client.get(f"{path}/estimate?posterior=true").json()["fit"] is not None
+
+
 def test_a_run_until_certain_ends_when_it_is_or_when_it_will_not_be(client: httpx.Client, rested: str) -> None:
     config = {"search_iterations": 4, "search_proposals": 1500, "search_islands": 10}
     for limit, certain in ((1.0, True), (1e-6, False)):

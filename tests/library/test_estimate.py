@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 import pmpnbp
 
 EYE = np.eye(6).ravel().tolist()
+ADVICE = "Next: check model, camera pose and prior, or give a (tighter) box around the object"
 POSE = {"position": {"x": 1.0, "y": 2.0, "z": 3.0}, "orientation": {"x": 0.0, "y": 0.0, "z": 0.6, "w": 0.8}}
 LINK = {
     "pose": POSE,
@@ -132,8 +133,8 @@ def test_it_reads_well() -> None:
             {"links": {"base": LINK | {"doubts": ["alike", "elsewhere"]}, "tray": LINK}},
             "Next: act on what is certain, or look again from where tray can be seen; 2.5 mm is asked for",
         ),
-        ({"fit": "doubtful"}, "Next: look again from another place, and give a box around the object, if you know one"),
-        ({"fit": "none"}, "Next: look again from another place, and give a box around the object, if you know one"),
+        ({"fit": "doubtful"}, ADVICE),
+        ({"fit": "none"}, ADVICE),
         ({"fit": None}, "Next: let it make more iterations"),
     ],
 )

@@ -28,6 +28,20 @@ def test_intrinsics_alone() -> None:
     assert (read.frame_id, read.stamp) == ("world", None)
 
 
+def test_what_is_no_pose_is_left_alone() -> None:
+    also = {"T_world_camera": None, "world_frame": "map", "camera_name": "left", "distortion": [0.0] * 5, "R": IDENTITY}
+    np.testing.assert_array_equal(load_camera(text(**also)).camera.pose_world_camera, poses.IDENTITY)
+
+
+@pytest.mark.parametrize("name", ["T_camera_world", "t_world_camera", "T_world_cam", "pose_world_camera"])
+def test_a_pose_by_another_name_is_refused(name: str) -> None:
+    """It would be as if there were none, and all that is found be told in the camera's frame."""
+    said = f"has a member '{name}', but no 'T_world_camera'; expected the camera's pose in world by that name"
+    with pytest.raises(ScanError, match=said):
+        load_camera(text(**{name: IDENTITY}))
+    load_camera(text(**{name: IDENTITY}, T_world_camera=IDENTITY))
+
+
 def test_pose_frame_and_stamp(tmp_path: Path) -> None:
     pose = poses.from_xyz_rpy([1.0, -2.0, 0.5], [0.3, -0.2, 1.1])
     path = tmp_path / "camera.json"

@@ -51,10 +51,12 @@ class OpenRecordings:
             try:
                 path, document = self._store.file("recordings", id), self._store.document("recordings", id)
                 found = UploadedRecording(id, path, document)
+                # the file's connections end with the recording, whoever lets go of it last
+                weakref.finalize(found, found.archive.close)
+                # deleted meanwhile it is no longer there, and not damaged
+                self._store.document("recordings", id)
             except HttpProblem:
                 return None
-            # the file's connections end with the recording, whoever lets go of it last
-            weakref.finalize(found, found.archive.close)
             with self._lock:
                 self._open[id] = self._kept[id] = found
             return found

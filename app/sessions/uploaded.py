@@ -52,7 +52,8 @@ class UploadedRecording(Source):
                     name = f"{id}/{views + len(self._came)}"
                     self._came.append((change.after_iteration, (name, change.scan), change.mode))
         except (PmpnbpError, OSError, ValueError) as error:
-            archive.damage = str(error)
+            # of a file that cannot be read the system tells where it lies, too, which is nobody else's to know
+            archive.damage = (isinstance(error, OSError) and error.strerror) or str(error)
         first = event_of(archive.iteration) + 1
         super().__init__(id, Events(first, first), archive)
 

@@ -2,8 +2,9 @@
 or in a few ways that look the same.
 
 A round plate looks the same however it is turned, and a round foot takes the first joint's angle with it: no look from
-anywhere would tell. Neither would one tell which of a chair's five feet is the first. A drawer that cannot be seen may
-stand where it likes, until somebody looks from elsewhere.
+anywhere would tell. Neither would one tell which of a chair's five feet is the first, or how often a wrist has been
+turned round whose limits let it turn further. A drawer that cannot be seen may stand where it likes, until somebody
+looks from elsewhere.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.joint_draws import short_way_round
+from pmpnbp.inference.mrf import part_motions
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.posterior import TURNED_AT_LEAST, Posterior, Spread
 
@@ -22,6 +24,8 @@ from pmpnbp.readout.posterior import TURNED_AT_LEAST, Posterior, Spread
 ANYWHERE, EVEN = 0.75, 0.3
 # It stands in one of some places where its standard deviation within each is less than this share of its range.
 IN_PLACE = 0.05
+# Metres, and radians beyond a limit, that are rounding.
+NO_MOTION = 1e-6
 
 
 def unknown(problem: Problem, posterior: Posterior, told: Spread) -> tuple[str, ...]:
@@ -43,6 +47,9 @@ def unknown(problem: Problem, posterior: Posterior, told: Spread) -> tuple[str, 
         elif anywhere:
             ends = f"{_position(low, turns, span)} to {_position(high, turns, span)}"
             found.append(f"joint '{name}' may be anywhere from {ends}")
+        elif turns and not model.wraps[coordinate] and _may_be_whole_turns_off(problem, posterior, coordinate):
+            place = _position((low + high) / 2, turns, span)
+            found.append(f"joint '{name}' may be whole turns from {place}, which look the same")
     for part, evenness in zip(model.parts, told.round_turns, strict=True):
         if evenness < EVEN:
             found.append(f"'{part.name}' is round, and may be turned by any angle about its axis")
@@ -53,6 +60,18 @@ def unknown(problem: Problem, posterior: Posterior, told: Spread) -> tuple[str, 
         if ways:
             found.append(f"'{part.name}' may be turned in {1 + ways} ways that look the same")
     return tuple(found)
+
+
+def _may_be_whole_turns_off(problem: Problem, posterior: Posterior, coordinate: int) -> bool:
+    """Whether a joint coordinate's limits allow a turn more or less, by which nothing is moved."""
+    # what follows it by another share may be
+    mrf, model = problem.mrf, problem.mrf.model
+    joints = np.tile(posterior.joints, (3, 1))
+    joints[1:, coordinate] += 2 * np.pi, -2 * np.pi
+    within = np.all((joints >= model.lower - NO_MOTION) & (joints <= model.upper + NO_MOTION), axis=1)
+    places = mrf.part_poses(np.tile(posterior.root, (3, 1)), joints)
+    moved = part_motions(mrf, places[0], places).max(axis=1)
+    return bool(np.any(within[1:] & (moved[1:] < NO_MOTION)))
 
 
 def _turns_apart(there: Array) -> int:

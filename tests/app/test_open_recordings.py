@@ -13,7 +13,8 @@ import pytest
 
 from app.sessions import open_recordings
 from app.sessions.open_recordings import KEPT, OpenRecordings
-from tests.app.small_sessions import after
+from app.sessions.uploaded import UploadedRecording
+from tests.app.small_sessions import after, problem
 from tests.app.upload_calls import upload
 
 COUNT = KEPT + 5
@@ -65,6 +66,20 @@ def test_one_that_is_looked_at_stays_the_same(served: Any, ids: list[str]) -> No
     for id in ids[1:]:
         sessions.get(id)
     assert sessions.get(ids[0]) is seen
+
+
+def test_one_that_is_deleted_while_it_is_opened_is_not_there(
+    served: Any, ids: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = served.client.get(f"/api/v1/recordings/{ids[0]}/file").content
+    id = upload(served.client, "recordings", "b.sqlite", content).json()["id"]
+
+    def too_late(id: str, path: Path, document: Any) -> UploadedRecording:
+        served.app.state.store.delete("recordings", id)
+        return UploadedRecording(id, path, document)
+
+    monkeypatch.setattr(open_recordings, "UploadedRecording", too_late)
+    problem(served.client.get(f"/api/v1/sessions/{id}/estimate"), 404, f"session '{id}' is not here")
 
 
 def test_one_that_takes_long_to_open_keeps_no_other_waiting(

@@ -82,6 +82,27 @@ def test_a_round_foot_may_be_turned_and_its_first_joint_with_it() -> None:
     assert found[1] == "'link0' is round, and may be turned by any angle about its axis"
 
 
+@pytest.mark.parametrize(
+    ("lower", "upper", "mimics", "whole_turns"),
+    [
+        (-3.1, 3.1, False, False),
+        (-2 * np.pi, 2 * np.pi, False, True),
+        (-90.0, 90.0, False, True),
+        (-7.0, 7.0, True, False),
+    ],
+)
+def test_a_joint_that_may_turn_round_may_have_been(lower: float, upper: float, mimics: bool, whole_turns: bool) -> None:
+    """Of limits in degrees, too. A slide that follows the turn tells how often it was turned."""
+    turn = Joint("turn", "revolute", "link0", "link1", at(0, 0, 0.1), Z, lower, upper, (0,))
+    links = {"link0": block([0.4, 0.25, 0.2]), "link1": block([0.4, 0.08, 0.3], at(0.1, 0, 0.15))}
+    joints = [turn]
+    if mimics:
+        joints.append(Joint("slide", "prismatic", "link0", "link2", at(0.1, 0, 0), X, -1.0, 1.0, (0,), "turn", 0.03))
+        links["link2"] = block([0.3, 0.2, 0.05])
+    found = told_of(articulated(joints, links), at(1.2, 0.0, 0.1, yaw=0.3), np.array([0.5]))
+    assert found == (("joint 'turn' may be whole turns from 29°, which look the same",) if whole_turns else ())
+
+
 def test_a_foot_that_looks_the_same_in_two_turns_and_where_the_joint_on_it_is_then() -> None:
     """The bar on it is seen well, a hand's breadth off its middle; half a turn of the foot takes the joint with it."""
     turn = Joint("turn", "revolute", "link0", "link1", at(0, 0, 0.1), Z, -3.1, 3.1, (0,))

@@ -217,7 +217,7 @@ class Settings:
         high=1.0,
     )
     moved_std_xyz: float = _setting(
-        0.05, "m", "how far the object may have been moved along each axis where a scan replaces others", low=0
+        0.05, "m", "how far the object may have moved along each axis where a scan replaces others", low=0, high=1e4
     )
     moved_std_rpy: float = _setting(0.15, "rad", "how far it may have been turned then", low=0)
     moved_joint_share: float = _setting(

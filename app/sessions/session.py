@@ -163,7 +163,7 @@ class Session(Source):
                 "iteration": self.archive.row["iteration"],
                 "iterations": self._target,
                 "until": self._until,
-                **verdict(self.archive.row, self.archive.changed_since),
+                **verdict(self.archive.row, self.archive.changed_since()),
                 "error": self._error,
                 "position": self._slots.position(self) if self.state == "waiting" else None,
                 "reading_out": self._long_read_out.underway,
@@ -216,7 +216,7 @@ class Session(Source):
 
     def _pursue(self, goal: Goal) -> None:
         """One iteration, or what keeps it from being made."""
-        if goal.reached(self._inference.newest, self.archive.changed_since):
+        if goal.reached(self._inference.newest, self.archive.changed_since()):
             self._rest("paused")
         elif not self._slots.take(self):
             self._tell("waiting")

@@ -64,11 +64,13 @@ def unknown(problem: Problem, posterior: Posterior, told: Spread) -> tuple[str, 
 
 def _may_be_whole_turns_off(problem: Problem, posterior: Posterior, coordinate: int) -> bool:
     """Whether a joint coordinate's limits allow a turn more or less, by which nothing is moved."""
-    # what follows it by another share may be
+    # where they do, what follows it by another share may be moved
     mrf, model = problem.mrf, problem.mrf.model
     joints = np.tile(posterior.joints, (3, 1))
     joints[1:, coordinate] += 2 * np.pi, -2 * np.pi
     within = np.all((joints >= model.lower - NO_MOTION) & (joints <= model.upper + NO_MOTION), axis=1)
+    if not within[1:].any():
+        return False
     places = mrf.part_poses(np.tile(posterior.root, (3, 1)), joints)
     moved = part_motions(mrf, places[0], places).max(axis=1)
     return bool(np.any(within[1:] & (moved[1:] < NO_MOTION)))

@@ -187,10 +187,10 @@ class IterationArchive:
         """How many changes there were."""
         return len(self._changes_after)
 
-    @property
-    def changed_since(self) -> bool:
-        """Whether the next iteration is made with other settings or scans than the newest was."""
-        return any(after >= self.iteration for after in self._changes_after)
+    def changed_since(self, iteration: int | None = None) -> bool:
+        """Whether settings or scans have changed since an iteration, by default the newest."""
+        since = self.iteration if iteration is None else iteration
+        return any(after >= since for after in self._changes_after)
 
     def next_change(self, iteration: int) -> int:
         """The iteration that a change made after `iteration` belongs to: behind the changes there are."""

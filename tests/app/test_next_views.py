@@ -39,7 +39,7 @@ def test_a_decision_is_made_by_the_iteration_that_is_named(client: httpx.Client,
     problem(client.get(f"{rested}/decision?iteration={iteration + 1}"), 404, f"it has 0 to {iteration}")
 
 
-def test_nothing_is_acted_on_that_a_change_has_outdated(client: httpx.Client) -> None:
+def test_nothing_is_acted_on_that_a_change_has_outdated(client: httpx.Client, shared: Served) -> None:
     path = small.create(client)
     client.post(f"{path}/run", json={"until": "converged"}).raise_for_status()
     iteration = small.at_rest(client, path)["iteration"]
@@ -59,6 +59,9 @@ def test_nothing_is_acted_on_that_a_change_has_outdated(client: httpx.Client) ->
     assert client.get(f"{asked}&iteration={iteration}").json() == before
     small.step(client, path, 1)
     assert "have changed" not in client.get(asked).json()["reason"]
+    # nor by one that was the newest when it was asked for, though the next has been made meanwhile
+    archive = shared.app.state.sessions.get(path.rsplit("/", 1)[1]).archive
+    assert archive.changed_since(iteration) and not archive.changed_since()
 
 
 def test_what_hides_a_link_is_told_of_those_that_block(client: httpx.Client, rested: str) -> None:

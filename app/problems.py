@@ -24,6 +24,9 @@ from pmpnbp.errors import DamageError, IterationError, PmpnbpError, RecordingErr
 
 MEDIA_TYPE = "application/problem+json"
 
+# Of what is wrong in a request, so many are told one by one.
+MOST_TOLD = 3
+
 _log = logging.getLogger("pmpnbp.server")
 
 # What a status means here, in the words of the document at /docs.
@@ -172,13 +175,15 @@ def _of_validation(request: Request, error: Exception) -> Response:
     if isinstance(error.body, bytes):  # not parsed, as its media type is another
         kind = request.headers.get("content-type") or "of no type"
         return problem_response(HttpProblem(415, f"the body is {kind:.60}; expected application/json"))
-    first = error.errors()[0]
+    errors = error.errors()
+    first = errors[0]
     if first["type"] == "json_invalid":
         reason = first.get("ctx", {}).get("error", "it does not parse")
         return problem_response(HttpProblem(400, f"the body is not JSON: {reason}"))
-    more = len(error.errors()) - 1
-    also = f", and {more} more like this" if more else ""
-    return problem_response(HttpProblem(422, f"{_place(first['loc'])}: {_reason(first)}{also}"))
+    told = "; ".join(f"{_place(one['loc'])}: {_reason(one)}" for one in errors[:MOST_TOLD])
+    more = len(errors) - MOST_TOLD
+    also = f"; and {more} more like this" if more > 0 else ""
+    return problem_response(HttpProblem(422, f"{told}{also}"))
 
 
 def _place(location: Sequence[int | str]) -> str:

@@ -45,8 +45,17 @@ def _plain(value: Any) -> Any:
     return value
 
 
+def _settings(value: Any) -> Any:
+    """Refused in one sentence, where each of the types that a value may have would give one of its own."""
+    for name, given in value.items() if isinstance(value, dict) else ():
+        if not isinstance(given, bool | int | float | str):
+            raise ValueError(f"'{name!s:.60}' is {given!r:.60}; expected a number, a word, true or false")
+    return value
+
+
 Config = Annotated[
     dict[str, bool | int | float | str],
+    BeforeValidator(_settings),
     AfterValidator(_plain),
     Field(
         description="settings by name, as GET /api/v1/settings lists them; `preset` (robust, paper) is applied first",

@@ -8,8 +8,8 @@ from fastapi import Query, Response
 
 from app.documentation import BINARY
 from app.particle_files import MEDIA_TYPES, Format
+from app.routes.attachments import attachment
 from app.sessions.source import Source
-from app.store.store import safe_name
 from pmpnbp.readout.snapshot import Snapshot
 
 FormatQuery = Annotated[
@@ -34,7 +34,5 @@ def members_of(session: Source, snapshot: Snapshot) -> dict[str, Any]:
 
 def file_of(stem: str, content: bytes, form: Format) -> Response:
     """A file, called by its stem where a program keeps it."""
-    headers = {}
-    if form != "json":
-        headers["Content-Disposition"] = f'attachment; filename="{safe_name(f"{stem}.{form}")}"'
+    headers = {} if form == "json" else attachment(f"{stem}.{form}")
     return Response(content, media_type=MEDIA_TYPES[form], headers=headers)

@@ -11,10 +11,10 @@ from pydantic import Field
 from app.documentation import BINARY
 from app.http.file_answers import FileAnswer
 from app.problems import responses
+from app.routes.attachments import attachment
 from app.routes.entries import IF_NONE_MATCH, Stored, entry_routes, form, not_modified, store_of
 from app.routes.parameters import sessions_of
 from app.schemas import RenameRequest
-from app.store.store import safe_name
 from app.uploads.uploads import etag, unchanged
 
 MEDIA_TYPE = "application/vnd.sqlite3"
@@ -61,9 +61,9 @@ def download_recording(recording_id: str, request: Request) -> Response:
     document = store_of(request).document("recordings", recording_id)
     if unchanged(request, etag(document)):
         return not_modified(etag(document))
-    name = PurePath(safe_name(document["file_name"])).stem + ".sqlite"
+    name = PurePath(document["file_name"]).stem + ".sqlite"
     file = store_of(request).file("recordings", recording_id)
-    return FileAnswer(file, media_type=MEDIA_TYPE, filename=name, headers={"ETag": etag(document)})
+    return FileAnswer(file, media_type=MEDIA_TYPE, headers=attachment(name) | {"ETag": etag(document)})
 
 
 @router.patch(

@@ -16,7 +16,16 @@ from app.documentation import answer
 from app.particle_files import Format, written
 from app.problems import HttpProblem, responses
 from app.routes.named import Link, NamedRoute
-from app.routes.parameters import LINK_NAMES, Iteration, SessionId, find_source, read_out, told, told_of_links
+from app.routes.parameters import (
+    LINK_NAMES,
+    Iteration,
+    SessionId,
+    find_source,
+    read_out,
+    sessions_of,
+    told,
+    told_of_links,
+)
 from app.routes.particle_answers import FILES, FormatQuery, file_of, members_of
 from app.routes.turns import short_turn
 from app.sessions.source import Source
@@ -55,6 +64,8 @@ async def get_estimate(
             snapshot = await anyio.to_thread.run_sync(session.archive.read, iteration)
     else:
         snapshot = await _newest(session, wait, timeout)
+        if wait is not None and session.closed and not sessions_of(request).closed:
+            raise HttpProblem(404, f"session '{session_id}' was deleted while it was waited for")
     tail = json_bytes({"session_id": session.id, "state": session.state})
     if posterior:
         snapshot = await read_out(request, session, snapshot)

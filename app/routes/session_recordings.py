@@ -14,10 +14,10 @@ from starlette.types import Receive, Scope, Send
 
 from app.documentation import BINARY, answer
 from app.problems import responses
+from app.routes.attachments import attachment
 from app.routes.parameters import SessionId, sessions_of
 from app.routes.recordings import MEDIA_TYPE
 from app.routes.turns import LongTurnRoute
-from app.store.store import safe_name
 from pmpnbp.errors import storage_told
 
 # forty copies at once took 350 MB, and left a session a hundredth of its rate
@@ -38,16 +38,12 @@ def get_recording_of_session(session_id: SessionId, request: Request) -> Streami
     /api/v1/recordings takes it, and `pmpnbp view` opens it."""
     # the copy has no name any more when it is sent: nothing is left of it, however the call ends
     session = sessions_of(request).get(session_id)
-    title = safe_name(f"{session.status()['name'] or session.id}.sqlite")
+    title = f"{session.status()['name'] or session.id}.sqlite"
     with storage_told(), TemporaryDirectory(dir=request.app.state.store.root / "incoming") as folder:
         copy = Path(folder) / "recording.sqlite"
         session.archive.copy_to(copy)
         file = copy.open("rb")
-    headers = {
-        "Content-Disposition": f'attachment; filename="{title}"',
-        "Content-Length": str(os.fstat(file.fileno()).st_size),
-    }
-    return _FileSent(file, headers)
+    return _FileSent(file, attachment(title) | {"Content-Length": str(os.fstat(file.fileno()).st_size)})
 
 
 class _FileSent(StreamingResponse):

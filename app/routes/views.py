@@ -11,12 +11,12 @@ from fastapi.responses import HTMLResponse
 
 from app.documentation import answer
 from app.problems import HttpProblem, responses
+from app.routes.attachments import attachment
 from app.routes.event_stream import EVENTS, IDLE, RETRY, EventStream, News, news
 from app.routes.parameters import SourceId, sessions_of
 from app.security import VIEW_POLICY
 from app.sessions.events import written
 from app.sessions.source import Source
-from app.store.store import safe_name
 from app.viewer.view import View, ViewStatus
 from app.viewer.view_state import ViewState, ViewStateError, merged
 from app.viewer.views import Views, with_handles
@@ -110,8 +110,8 @@ def get_view_scene(view: KeptView) -> Response:
     if view.painter is None:
         raise HttpProblem(404, f"view '{view.view_id}' is closed")
     text = view.painter.html()
-    stem = safe_name(f"{view.session_id}-{0 if view.drawn is None else view.drawn.iteration}.html")
-    headers = {"Content-Security-Policy": VIEW_POLICY, "Content-Disposition": f'attachment; filename="{stem}"'}
+    name = f"{view.session_id}-{0 if view.drawn is None else view.drawn.iteration}.html"
+    headers = {"Content-Security-Policy": VIEW_POLICY} | attachment(name)
     return HTMLResponse(text, headers=headers)
 
 

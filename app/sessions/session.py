@@ -64,7 +64,6 @@ class Session(Source):
         self._lock = threading.RLock()
         self._worker = Worker(f"session-{id}", self._pursue_goal, archive.abandon, partial(slots.nudge, self))
         self._goal: Goal | None = None
-        self._closed = False
         self.state = "paused"
         self.truth_known = document.get("truth") is not None
         self._error: str | None = None
@@ -140,7 +139,7 @@ class Session(Source):
     def close(self) -> None:
         """Stop after the present iteration, keep everything, end the event streams. A second call does nothing."""
         with self._lock:
-            self._closed = True
+            self.closed = True
         self.read_outs.close()
         self._worker.finish(self._pause)
         self._slots.leave(self)  # the last command's nudge may have come after its rest
@@ -190,7 +189,7 @@ class Session(Source):
             return self._worker.submit(action)
 
     def _check_open(self) -> None:
-        if self._closed:
+        if self.closed:
             raise HttpProblem(409, f"session '{self.id}' is closed")
 
     def _set_goal(self, goal: Goal) -> None:

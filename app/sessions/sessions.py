@@ -89,6 +89,11 @@ class Sessions:
             with self._lock:
                 self._coming -= 1
 
+    @property
+    def closed(self) -> bool:
+        """Whether the server is stopping."""
+        return self._closed
+
     def at_hand(self, id: str) -> Source | None:
         """What `get` gives, where that needs no reading; else None."""
         return self._sessions.get(id) or self._recordings.at_hand(id)

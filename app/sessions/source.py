@@ -21,11 +21,13 @@ class Source(ABC):
 
     state : `paused`, `waiting` (for a slot), `running` or `failed`; of a recording `recorded`
     truth_known : whether it is told where the links really are; recordings keep no truth
+    closed : whether it takes nothing more: it is being deleted, or the server stops
     """
 
     kind: Literal["session", "recording"]
     state: str
     truth_known: bool = False
+    closed: bool = False
 
     def __init__(self, id: str, events: Events, archive: IterationArchive) -> None:
         self.id = id

@@ -33,7 +33,7 @@ DOUBT = 0.01
 LONG, TURNED, TURN = 0.10, 0.15, 400 * np.radians(2.0)
 # What is turned by less, radians, is not turned another way.
 TURNED_AT_LEAST = 0.2
-# The central share of a joint's interval.
+# The share of the draws that a joint's interval holds at the least, the central ones.
 CENTRAL = 0.9
 # Why a link is not certain, see `Spread.doubts`, in the order in which it is told.
 Doubt = Literal["fit", "draws", "denied", "alike", "std_xyz", "expected_add", "elsewhere", "turned"]
@@ -129,12 +129,12 @@ class Spread:
 
     covariances : (L, 6, 6), see `particle_statistics.covariance`; expected_add : (L,) metres (eq. 12) of the part that
     a link moves with, NaN where that has no surface; joint_stds : (D,) about the estimate; joint_intervals : (2, D)
-    the central 90 %; moved : (M, L) metres (eq. 12, or of the origin where there is no surface) from the estimate to
-    each mode's best configuration; alike : (M, L) whether a mode that counts has the link's part turned so that
-    it looks the same; round_turns : (N,) of a part that is round about an axis, how far its turns about it agree, 0
-    (any) to 1 (all the same): the length of their mean on the unit circle; NaN of others; denied : (L,) whether a link
-    is of a part, or hangs on one, that is not to be believed where it was found; turns : (DRAWS, L) radians that even
-    draws have it turned by, see `surface_distance.turns`; 0 for a link of a part that is not LONG
+    the central 90 %, and the estimate; moved : (M, L) metres (eq. 12, or of the origin where there is no surface) from
+    the estimate to each mode's best configuration; alike : (M, L) whether a mode that counts has the link's part turned
+    so that it looks the same; round_turns : (N,) of a part that is round about an axis, how far its turns about it
+    agree, 0 (any) to 1 (all the same): the length of their mean on the unit circle; NaN of others; denied : (L,)
+    whether a link is of a part, or hangs on one, that is not to be believed where it was found; turns : (DRAWS, L)
+    radians that even draws have it turned by, see `surface_distance.turns`; 0 for a link of a part that is not LONG
     """
 
     covariances: Array
@@ -185,6 +185,8 @@ def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -
     here = model.link_poses(at, joints)
     gap = short_way_round(posterior.drawn_joints - joints, model.wraps)
     intervals = np.quantile(gap, [(1 - CENTRAL) / 2, (1 + CENTRAL) / 2], axis=0, weights=weights, method="inverted_cdf")
+    # what is told lies inside its own belief, also where another mode weighs more
+    intervals = np.stack([np.minimum(intervals[0], 0.0), np.maximum(intervals[1], 0.0)])
     surfaces, parts = part_surfaces(model), parts_of_links(model)
     node = np.array([parts[link] for link in model.links])
     placed = posterior.part_poses(model, posterior.even_draws(DRAWS))

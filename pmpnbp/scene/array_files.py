@@ -93,7 +93,10 @@ def _depth(array: NDArray[np.generic], name: str) -> NDArray[np.float32]:
     if array.ndim != 2:
         raise ScanError(f"the depth image of scan '{name}' has the shape {array.shape}; expected (H, W)")
     if array.dtype.kind != "f":
-        raise ScanError(f"the depth image of scan '{name}' holds {array.dtype}; expected floats in metres")
+        raise ScanError(
+            f"the depth image of scan '{name}' holds {array.dtype}; expected floats in metres, where it is of "
+            "millimetres divided by 1000"
+        )
     with np.errstate(over="ignore"):
         return array.astype(np.float32)
 

@@ -16,6 +16,9 @@ FEWEST, MOST = 20, 60_000
 # Largest median distance, pixels, between where a point is stored and where the camera sees it: for a camera fitted
 # to the cloud, and for one that was given beside it and may be rounded or leave out the lens distortion.
 FITTED_RESIDUAL, GIVEN_RESIDUAL = 0.5, 5.0
+# A loose cloud with a camera file is in the world's frame where less than SEEN of it is in the picture as it is, and
+# more than ALL_SEEN where it is taken to be in that frame.
+SEEN, ALL_SEEN = 0.5, 0.9
 # A virtual camera sees 65° to either side at most; beyond, the image plane stretches without end.
 WIDEST = 2.14
 LARGEST_IMAGE = 2048
@@ -72,8 +75,10 @@ def look_at_loose_cloud(
     Where no `camera` is given it stands at the cloud's `viewpoint` (7,), looks along its z, covers the points, and has
     about as many pixels as it sees points. A given one is binned where its pixels are finer than the points, because
     an image of holes would say that nothing was measured. Raises ScanError where no point is in front of the sensor,
-    or in the picture of the camera that was given.
+    or in the picture of the camera that was given, or nearly all would be if they were in the world's frame.
     """
+    if camera is not None:
+        _check_frame(points, camera, name)
     in_front = points if camera is not None else _in_sensor_frame(points, viewpoint)
     local: Array = in_front[in_front[:, 2] > 1e-6].astype(np.float64)
     if len(local) == 0:
@@ -84,6 +89,24 @@ def look_at_loose_cloud(
     np.minimum.at(depth, pixel[:, 1] * camera.width + pixel[:, 0], local[within, 2].astype(np.float32))
     depth[np.isinf(depth)] = 0.0
     return camera, depth.reshape(camera.height, camera.width)
+
+
+def _check_frame(points: NDArray[np.floating], camera: Camera, name: str) -> None:
+    """Raise ScanError where few of `points` (N, 3) are in the picture, and most if they are in the world's frame."""
+    seen = _in_picture(points, camera)
+    if seen >= SEEN * len(points):
+        return
+    of_world = _in_picture(_in_sensor_frame(points, camera.pose_world_camera), camera)
+    if of_world > ALL_SEEN * len(points):
+        raise ScanError(
+            f"{seen} of the {len(points)} points of scan '{name}' are in the picture of its camera, and {of_world} "
+            "would be if they were in the world's frame; expected points in the camera's frame"
+        )
+
+
+def _in_picture(points: NDArray[np.floating], camera: Camera) -> int:
+    """How many of `points` (N, 3), camera frame, the camera sees."""
+    return int(_pixels(points[points[:, 2] > 1e-6].astype(np.float64), camera)[1].sum())
 
 
 def _pixels(points: Array, camera: Camera) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

@@ -49,6 +49,7 @@ async function take(files) {
   if (found.cameras.length === 1) {
     byId("camera-text").value = found.cameras[0].text; // of scans to come, too
     aboutCamera();
+    for (const row of byId("uploads").children) if (row.cameraless) row.querySelector(".again").click();
   }
   for (const text of found.priors) setPrior(text);
   for (const box of found.regions) setRegion(box);
@@ -102,6 +103,7 @@ function enqueue(row, kind, file, camera, alone) {
   trouble(row.querySelector(".trouble"), "");
   away(row, "Cancel");
   setAttributes(row, { "data-state": "waiting" });
+  row.cameraless = false;
   setText(row.querySelector(".progress-word"), "waiting");
   const done = queue.then(async () => {
     if (row.gone) return null;
@@ -112,6 +114,7 @@ function enqueue(row, kind, file, camera, alone) {
       return entry;
     } catch (problem) {
       const again = refuse(row, problem.message);
+      row.cameraless = kind === "scans" && !text;
       again.onclick = () => enqueue(row, kind, file, undefined, alone);
       return null;
     }

@@ -137,7 +137,13 @@ def test_a_malformed_body_is_400_or_422(body: bytes) -> None:
             {"count": "x", "names": 1},
             "",
             "count in the body: input should be a valid integer, unable to parse string "
-            "as an integer, not 'x', and 1 more like this",
+            "as an integer, not 'x'; names in the body: input should be a valid list, not 1",
+        ),
+        (
+            {"count": 1, "names": [1, 2, 3, 4, 5]},
+            "",
+            "names[0] in the body: input should be a valid string, not 1; names[1] in the body: input should be a "
+            "valid string, not 2; names[2] in the body: input should be a valid string, not 3; and 2 more like this",
         ),
         (
             {"count": 1},

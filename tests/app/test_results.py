@@ -127,6 +127,16 @@ def test_wait_ends_with_its_time_or_with_a_pause(shared: Any, client: httpx.Clie
     pause.join()
 
 
+def test_a_session_that_is_deleted_while_it_is_waited_for_is_not_there(shared: Any, client: httpx.Client) -> None:
+    path = small.create(client)
+    client.post(f"{path}/run", json={"iterations": 100_000})
+    delete = threading.Timer(0.3, lambda: httpx.delete(f"{shared.url}{path}", timeout=None))
+    delete.start()
+    answer = client.get(f"{path}/estimate?wait=idle&timeout=600")
+    delete.join()
+    assert answer.status_code == 404 and "was deleted while" in answer.json()["detail"]
+
+
 def test_a_belief_is_what_the_estimate_is_read_from(client: httpx.Client, path: str) -> None:
     """The particles' spread in the estimate follows from the particles and weights."""
     estimate = client.get(f"{path}/estimate").json()

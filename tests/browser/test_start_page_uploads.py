@@ -146,13 +146,21 @@ def test_a_wrong_file_is_told_in_the_servers_words(
     uploads.get_by_role("button", name="Try again").click()
     expect(uploads.get_by_text("300 873 points")).to_be_visible()
 
+    # and with its file, chosen after it, of itself
+    uploads.get_by_role("button", name=f"Dismiss {DEPTH.name}").click()
+    page.get_by_label("camera.json", exact=True).fill("")
+    page.get_by_label("Choose files").set_input_files([DEPTH])
+    expect(uploads.get_by_role("alert").filter(visible=True)).to_have_text(said)
+    page.get_by_label("Choose files").set_input_files([CAMERA])
+    expect(uploads.get_by_text("300 873 points")).to_be_visible()
+
     page.get_by_label("Choose files").set_input_files({"name": "notes.md", "mimeType": "text/plain", "buffer": b"#"})
     expect(uploads.get_by_role("alert").filter(visible=True)).to_contain_text("'notes.md' is none of the files")
 
     # and what makes no session: a box with nothing in it
     small.upload_model(served.client)
     page.reload()
-    page.get_by_role("checkbox", name="depth.png").check()
+    page.get_by_role("checkbox", name="depth.png").first.check()
     page.get_by_text("Advanced:").click()
     for label in ("x from", "y from", "z from", "x to", "y to", "z to"):
         page.get_by_label(f"{label}, centimetres").fill("7000")

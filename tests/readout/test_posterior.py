@@ -370,3 +370,13 @@ def test_a_rival_whose_draws_lead_back_to_a_mode_is_no_other(problem: Problem, m
     found = of_estimate(problem, report(problem, astray))
     assert len(drawn) > 2  # about the estimate, the rival, and where that led
     assert len(found.modes) == 1
+
+
+def test_what_is_told_of_a_joint_lies_in_its_interval(problem: Problem) -> None:
+    """Also where next to all that is drawn lies elsewhere, as where another mode weighs more."""
+    found = of_estimate(problem, report(problem))
+    for position in (0.0, 0.25):
+        low, high = spread(problem, found, ROOT, np.array([position])).joint_intervals[:, 0]
+        assert low <= position <= high
+    drawn = np.quantile(found.drawn_joints[:, 0], 0.99)
+    assert drawn < 0.2 and high == 0.25

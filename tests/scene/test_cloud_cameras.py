@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -87,3 +89,26 @@ def test_points_beside_the_view_are_left_out() -> None:
 def test_points_outside_the_given_picture() -> None:
     with pytest.raises(ScanError, match=r"no point of scan 'a\.xyz' is in the picture of its camera"):
         look_at_loose_cloud(np.array([[5.0, 0.0, 1.0]]), poses.IDENTITY, CAMERA, "a.xyz")
+
+
+@pytest.mark.parametrize("seen_as_it_is", [0, 30])
+def test_a_cloud_in_the_worlds_frame_is_not_taken_for_one_in_its_cameras(
+    seen_as_it_is: int, rng: np.random.Generator
+) -> None:
+    """Without a word thirteen of twelve thousand points were kept, those that happened to lie before the camera."""
+    camera = replace(CAMERA, pose_world_camera=poses.from_xyz_rpy([-2.0, 0.0, 0.8], [-np.pi / 2, 0.0, -np.pi / 2]))
+    local = points_of(camera, rng).reshape(-1, 3)[:1000]
+    world = poses.transform_points(camera.pose_world_camera, local.astype(np.float64))
+    mixed = np.concatenate([local[:seen_as_it_is], world[seen_as_it_is:]])
+    with pytest.raises(ScanError, match=r"of the 1000 points of scan 'a\.xyz' are in the picture.* the world's frame"):
+        look_at_loose_cloud(mixed, poses.IDENTITY, camera, "a.xyz")
+    _, depth = look_at_loose_cloud(local, poses.IDENTITY, camera, "a.xyz")
+    assert (depth > 0).sum() > 300
+
+
+def test_a_cloud_of_which_the_camera_sees_little_is_taken(rng: np.random.Generator) -> None:
+    """A scanner sees all round, its camera a part of that; in the world's frame no more of it would be seen."""
+    camera = replace(CAMERA, pose_world_camera=poses.from_xyz_rpy([-2.0, 0.0, 0.8], [-np.pi / 2, 0.0, -np.pi / 2]))
+    round_about = rng.uniform(-3, 3, (5000, 3))
+    _, depth = look_at_loose_cloud(round_about, poses.IDENTITY, camera, "a.xyz")
+    assert 0 < (depth > 0).sum() < 2000

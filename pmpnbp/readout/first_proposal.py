@@ -43,11 +43,16 @@ NEAR, WIDER_EACH, WIDER, NARROW = (0.25, 0.5, 1.0, 2.0), 0.16, 3.0, 0.1
 @dataclass(frozen=True)
 class Elsewhere:
     """Where one joint of a configuration could as well be. grids : of those that could be anywhere; roots : (K, 7) and
-    joints : (K, D), with each that is not hopeless elsewhere in the best place far from where it is"""
+    joints : (K, D), with each that is not hopeless elsewhere in the best place far from where it is that is better than
+    those next to it; nats : the most that the log posterior is of all that were tried, at best_root (7,) and
+    best_joints (D,)"""
 
     grids: tuple[Grid, ...]
     roots: Array
     joints: Array
+    nats: float
+    best_root: Array
+    best_joints: Array
 
 
 def curvature_information(
@@ -103,7 +108,7 @@ def joints_elsewhere(problem: Problem, place: Held, here: float, stds: Array) ->
     spans = model.upper - model.lower
     moving = np.flatnonzero((spans > 0) & np.isfinite(spans))
     if not len(moving):
-        return Elsewhere((), np.zeros((0, 7)), np.zeros((0, model.dof)))
+        return Elsewhere((), np.zeros((0, 7)), np.zeros((0, model.dof)), here, place.root, joints)
     offsets = (np.arange(CELLS) + 0.5) / CELLS * spans[moving, None] + (model.lower - joints)[moving, None]
     cells = spans / CELLS
     # no Gaussian fits a joint of which the curvature tells nothing
@@ -116,14 +121,18 @@ def joints_elsewhere(problem: Problem, place: Held, here: float, stds: Array) ->
     groups = distant.reshape(len(moving), -1, STRIDE).any(axis=2)
     open_ = np.any(groups & (log[:, first] > here - HOPELESS), axis=1)
     log[np.ix_(open_, ~first)] = _along(problem, place, moving[open_], offsets[np.ix_(open_, ~first)])
-    grids, others = [], []
+    beside = np.pad(log, ((0, 0), (1, 1)), constant_values=-np.inf)
+    # what slopes towards a better place is none of its own
+    peaks = distant & (log >= np.maximum(beside[:, :-2], beside[:, 2:]))
+    highest = np.unravel_index(log.argmax(), log.shape)
+    grids, others = [], [offsets[highest] * (np.arange(6 + model.dof) == 6 + moving[highest[0]])]
     for row in np.flatnonzero(open_):
         coordinate = moving[row]
         top = max(here, log[row].max())
         beyond = cells[coordinate] * np.exp(log[row, distant[row]] - top).sum()
         near = np.sqrt(2 * np.pi) * min(float(stds[coordinate]), spans[coordinate]) * np.exp(here - top)
-        best = int(np.where(distant[row], log[row], -np.inf).argmax())
-        if log[row, best] > here - HOPELESS:
+        best = int(np.where(peaks[row], log[row], -np.inf).argmax())
+        if peaks[row, best] and log[row, best] > here - HOPELESS:
             others.append(offsets[row, best] * (np.arange(6 + model.dof) == 6 + coordinate))
         weights = np.exp(HALF_SURE * (log[row] - log[row].max()))
         weights /= weights.sum()
@@ -134,7 +143,8 @@ def joints_elsewhere(problem: Problem, place: Held, here: float, stds: Array) ->
         weights = (1 - UNIFORM) * weights + UNIFORM / CELLS
         begin = float(model.lower[coordinate] - joints[coordinate])
         grids.append(Grid(6 + int(coordinate), begin, begin + float(spans[coordinate]), weights))
-    return Elsewhere(tuple(grids), *place.placed(np.array(others).reshape(-1, 6 + model.dof)))
+    roots, found = place.placed(np.array(others))
+    return Elsewhere(tuple(grids), roots[1:], found[1:], float(log[highest]), roots[0], found[0])
 
 
 def _along(problem: Problem, place: Held, coordinates: NDArray[np.int64], offsets: Array) -> Array:

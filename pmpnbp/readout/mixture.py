@@ -36,7 +36,7 @@ from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.denied_parts import drawn_anew, without
 from pmpnbp.readout.fit import assess
 from pmpnbp.readout.log_posterior import log_posterior
-from pmpnbp.readout.object_posterior import ModeDraws, misfit, mode_draws
+from pmpnbp.readout.object_posterior import ModeDraws, draws_or_better, misfit, mode_draws
 from pmpnbp.readout.places import Place, contenders, least_reach, mode_reach, strayed
 from pmpnbp.readout.posterior import Centre, ObjectMode, Posterior
 
@@ -121,16 +121,16 @@ def _drawn_about(
     moved, least = False, [least_reach(problem)] * len(known)
     surpassed = SURPASSED_BY_NUISANCES if problem.nuisance_std.any() else SURPASSED
     for left in range(MOVES, -1, -1):
-        draws = mode_draws(rng, problem, root, joints, checkpoint, surpassed if left else np.inf)
-        if draws.gain <= surpassed or not left:
-            break
-        plan, best = problem.schedule(report.iteration), (draws.best_root[None], draws.best_joints[None])
+        found = draws_or_better(rng, problem, root, joints, checkpoint, surpassed if left else np.inf)
+        if isinstance(found, ModeDraws):
+            seen = confirmation(problem, root, joints) if moved else seen
+            return Place(seen=seen, draws=found, apart=apart)
+        plan, best = problem.schedule(report.iteration), (found.root[None], found.joints[None])
         roots, others, _ = polish(rng, problem, *best, plan, problem.tolerance_end, 1)
         root, joints, moved = roots[0], others[0], True
         if not _is_new(problem, known, least, root, joints):
             return None
-    seen = confirmation(problem, root, joints) if moved else seen
-    return Place(seen=seen, draws=draws, apart=apart)
+    raise AssertionError("nothing is better by more than any number of nats")
 
 
 def _told(

@@ -60,7 +60,6 @@ class ModeDraws:
         tell of one another where
     nuisances : (K, ...), see `potentials/nuisances.py`; None where all are fixed
     nats : the log posterior at the configuration that was drawn about
-    best_root, best_joints : (7,), (D,) of the draw of the highest density; gain : nats by which that is higher
     elsewhere : where one joint of the configuration that was drawn about could as well be
     log_evidence : of the mode: logarithm of the posterior's integral over it, up to what is the same for all modes
     log_room : logarithm of the volume that its joint positions fill, before they were bent, likewise
@@ -75,27 +74,33 @@ class ModeDraws:
     held_stds: Array
     nuisances: Array | None
     nats: float
-    best_root: Array
-    best_joints: Array
-    gain: float
     elsewhere: Elsewhere
     log_evidence: float
     log_room: float
     effective_sample_size: float
 
 
-def mode_draws(
-    rng: np.random.Generator,
-    problem: Problem,
-    root: Array,
-    joints: Array,
-    checkpoint: Checkpoint = go_on,
-    surpassed: float = np.inf,
-) -> ModeDraws:
-    """Draws about a mode's best configuration (7,), (D,). Raises what `checkpoint` does, called before each round.
+@dataclass(frozen=True)
+class Better:
+    """A configuration (7,), (D,) that is so much better than another that draws about this say nothing."""
 
-    surpassed : nats; no more are made once one is better by more than that, for then they are about the wrong place
-    """
+    root: Array
+    joints: Array
+
+
+def mode_draws(
+    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, checkpoint: Checkpoint = go_on
+) -> ModeDraws:
+    """Draws about a mode's best configuration (7,), (D,). Raises what `checkpoint` does, called before each round."""
+    found = draws_or_better(rng, problem, root, joints, checkpoint, np.inf)
+    assert isinstance(found, ModeDraws)
+    return found
+
+
+def draws_or_better(
+    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, checkpoint: Checkpoint, surpassed: float
+) -> ModeDraws | Better:
+    """As `mode_draws`, or the first configuration that turns out to be better by more than `surpassed` nats."""
     model = problem.mrf.model
     free = np.flatnonzero(problem.nuisance_std)
     about = held(problem, root, joints)
@@ -105,6 +110,8 @@ def mode_draws(
     here = float(density(np.zeros((1, size)))[0])
     covariance = measured_covariance(density, here, np.asarray(np.linalg.inv(information), dtype=np.float64))
     elsewhere = joints_elsewhere(problem, about, here, np.diag(information)[6 : 6 + model.dof] ** -0.5)
+    if elsewhere.nats - here > surpassed:
+        return Better(elsewhere.best_root, within_limits(elsewhere.best_joints, model.lower, model.upper, model.wraps))
     lower, upper = _limits(problem, joints, len(free))
     first = Proposal(np.zeros(size), covariance, lower, upper, elsewhere.grids)
     # scales and sizes go far together with the root, and proposals are long in following them; cameras do not
@@ -117,7 +124,9 @@ def mode_draws(
     )
     rows, weights = drawn.rows[:, : 6 + model.dof], np.exp(drawn.log_weights)
     best = int(drawn.log_density.argmax())
-    best_roots, best_joints = about.placed(rows[[best]])
+    if drawn.log_density[best] - here > surpassed:
+        roots, q = about.placed(rows[[best]])
+        return Better(roots[0], within_limits(q[0], model.lower, model.upper, model.wraps))
     middle, hidden = weights @ rows, grain(problem, about)
     roots, q = _stirred(rng, problem, about, rows, hidden)
     covariance = np.einsum("k,ki,kj->ij", weights, rows - middle, rows - middle) + hidden
@@ -130,9 +139,6 @@ def mode_draws(
         held_stds=_held_stds(covariance),
         nuisances=_nuisances(problem, free, drawn.rows[:, 6 + model.dof :]),
         nats=here,
-        best_root=best_roots[0],
-        best_joints=within_limits(best_joints[0], model.lower, model.upper, model.wraps),
-        gain=float(drawn.log_density[best] - here),
         elsewhere=elsewhere,
         log_evidence=drawn.log_integral,
         log_room=_log_room(weights, q),

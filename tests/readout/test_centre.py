@@ -13,7 +13,7 @@ from pmpnbp.inference.problem import LONG_CHAIN, Problem
 from pmpnbp.readout import mixture
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.mixture import coordinate_levers, of_estimate
-from pmpnbp.readout.object_posterior import _held_stds, mode_draws
+from pmpnbp.readout.object_posterior import _held_stds, draws_or_better
 from tests.readout.noisy_chain import JOINTS, noisy_chain
 
 
@@ -43,10 +43,10 @@ def test_a_middle_that_explains_less_is_not_told(
     problem, report = chain
 
     def beside(*given: Any, **named: Any) -> Any:
-        draws = mode_draws(*given, **named)
+        draws = draws_or_better(*given, **named)
         return replace(draws, middle=draws.middle + 0.05)
 
-    monkeypatch.setattr(mixture, "mode_draws", beside)
+    monkeypatch.setattr(mixture, "draws_or_better", beside)
     found = of_estimate(problem, report)
     assert found.centre is not None
     np.testing.assert_array_equal(found.centre.root, found.modes[0].root)

@@ -20,7 +20,7 @@ from pmpnbp.readout import mixture, places
 from pmpnbp.readout.checkpoint import Checkpoint
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.mixture import at_rest, of_estimate, read_out
-from pmpnbp.readout.object_posterior import mode_draws
+from pmpnbp.readout.object_posterior import draws_or_better
 from pmpnbp.readout.particle_statistics import covariance
 from pmpnbp.readout.places import POLISH_ROUNDS
 from pmpnbp.readout.posterior import FEWEST_DRAWS, LONG, TURN, Posterior, spread
@@ -366,7 +366,7 @@ def test_a_rival_whose_draws_lead_back_to_a_mode_is_no_other(problem: Problem, m
     seen = confirmation(problem, astray, SHUT)
     monkeypatch.setattr(mixture, "contenders", lambda *_: iter([(astray, SHUT, seen, False)]))
     drawn = []
-    monkeypatch.setattr(mixture, "mode_draws", lambda *given, **named: drawn.append(1) or mode_draws(*given, **named))
+    monkeypatch.setattr(mixture, "draws_or_better", lambda *given: drawn.append(1) or draws_or_better(*given))
     found = of_estimate(problem, report(problem, astray))
     assert len(drawn) > 2  # about the estimate, the rival, and where that led
     assert len(found.modes) == 1

@@ -73,7 +73,8 @@ class LinkEstimate(BaseModel):
         "another mode has it elsewhere, or it may be turned; null where there is no posterior"
     )
     visible_fraction: float | None = Field(
-        description="share of its surface towards the camera that was seen, 0 to 1; null where no surface moves with it"
+        description="share of its surface towards the camera that nothing is in front of, 0 to 1, also where the scan "
+        "sees through it, which `fit` tells; null where no surface moves with it"
     )
     log_likelihood: float | None = Field(
         description="natural logarithm of the unary potential at the estimate; null as visible_fraction"

@@ -87,6 +87,18 @@ def path(uniform: tuple[Inputs, Any, Iterations], tmp_path_factory: pytest.TempP
     return recorded(tmp_path_factory.mktemp("recordings") / "run.sqlite", *uniform)
 
 
+@pytest.mark.parametrize("given", ["0", "-1", "1e999", '"wide"', "[]", "null", "{"])
+def test_what_a_recording_says_is_certain_is_a_number_of_metres(path: Path, tmp_path: Path, given: str) -> None:
+    copy = Path(shutil.copy(path, tmp_path / "copy.sqlite"))
+    with Recording(copy) as recording:
+        assert recording.max_std() == recording.inputs()["max_std"] == 0.0025
+    with sqlite3.connect(copy) as connection:
+        connection.execute("UPDATE inputs SET value = ? WHERE name = 'max_std'", (given,))
+    connection.close()
+    with Recording(copy) as recording, pytest.raises(RecordingError, match="its inputs cannot be read"):
+        recording.max_std()
+
+
 @pytest.mark.parametrize(
     ("prior", "changes"),
     [

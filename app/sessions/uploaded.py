@@ -1,6 +1,6 @@
 """What does an uploaded recording show? The same as the session it came from, but for what would make it iterate.
 
-It knows no truth, for a recording keeps none, and takes the usual limit for what is certain.
+It knows no truth, for a recording keeps none.
 """
 
 from __future__ import annotations
@@ -40,8 +40,11 @@ class UploadedRecording(Source):
         self._inputs: Inputs | None = None
         self._changes: list[dict[str, Any]] = []
         self._came: list[tuple[int, tuple[str, Scan], ScanMode]] = []
+        self._max_std = SessionOptions.max_std
         try:
-            changes = archive.open(Criteria(max_std=SessionOptions.max_std))
+            with Recording(path) as recording:
+                self._max_std = recording.max_std()
+            changes = archive.open(Criteria(max_std=self._max_std))
             reached = max([archive.iteration, *(change.after_iteration + 1 for change in changes)])
             with Recording(path) as recording, TemporaryDirectory(prefix="recording-") as folder:
                 self._inputs = replace(recording.restored_inputs(Path(folder), 0), settings=recording.settings(reached))
@@ -74,7 +77,7 @@ class UploadedRecording(Source):
             "roi": None if inputs is None or inputs.roi is None else inputs.roi.tolist(),
             "prior": None if inputs is None else without_nan(_prior_members(inputs.prior)),
             "config": {} if inputs is None else without_nan(asdict(inputs.settings)),
-            "max_std": SessionOptions.max_std,
+            "max_std": self._max_std,
             "created": self._document.get("created"),
         }
 

@@ -19,23 +19,26 @@ from pmpnbp.readout.snapshot import Criteria, Snapshot
 from pmpnbp.recording import IterationArchive, Recording
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.observation import Scan
-from pmpnbp.settings import SessionOptions, checked_option
+from pmpnbp.settings import checked_option
 
 
 class Playback:
     """The iterations in a recording, which is not changed; a context manager. `playback[k]` is iteration k, and
     `playback[-1]` the newest; iterating gives those that are in the file, as some may have been thinned out.
 
-    path : the recording; max_std : metres, up to which a link is certain. Raises RecordingError where it is none, or
-        is damaged.
+    path : the recording; max_std : metres, up to which a link is certain; None for what it was recorded with. Raises
+        RecordingError where it is none, or is damaged.
     """
 
-    def __init__(self, path: AnyPath, *, max_std: float = SessionOptions.max_std) -> None:
+    def __init__(self, path: AnyPath, *, max_std: float | None = None) -> None:
         self.path = Path(path)
         if not is_file(self.path, f"recording {quoted(self.path)}", RecordingError):
             raise RecordingError(f"recording {quoted(self.path)} is not there")
         # rows that it brings may be anybody's: all are made of its arrays
         self._archive = IterationArchive(self.path, f"recording '{self.path.name}'", foreign_row=_no_row)
+        if max_std is None:
+            with Recording(self.path) as recording:
+                max_std = recording.max_std()
         changes = self._archive.open(Criteria(max_std=checked_option("max_std", max_std)))
         with Recording(self.path) as recording, TemporaryDirectory(prefix="recording-") as folder:
             self._scans = recording.restored_inputs(Path(folder), 0).scans
@@ -93,7 +96,7 @@ class Playback:
         return scans[0]
 
 
-def open_recording(path: AnyPath, *, max_std: float = SessionOptions.max_std) -> Playback:
+def open_recording(path: AnyPath, *, max_std: float | None = None) -> Playback:
     """The recording at `path`, as `Session`, `pmpnbp estimate --recording` and a server write it."""
     return Playback(path, max_std=max_std)
 

@@ -102,7 +102,11 @@ class Session:
         self._closed = False
         self._read_out: Snapshot | None = None
         self._path = None if recording is None else Path(recording)
-        self._writer = None if self._path is None else RecordingWriter(self._path, inputs, problem.mrf.model)
+        self._writer = (
+            None
+            if self._path is None
+            else RecordingWriter(self._path, inputs, problem.mrf.model, max_std=criteria.max_std)
+        )
         self._elapsed = 0.0
         self._advance(lambda: run.first(problem))
 

@@ -117,7 +117,7 @@ class IterationArchive:
         self.close()
         new = self.path.with_name(self.path.name + ".new")
         with storage_told():
-            with RecordingWriter(new, inputs, snapshot.problem.mrf.model) as writer:
+            with RecordingWriter(new, inputs, snapshot.problem.mrf.model, max_std=snapshot.criteria.max_std) as writer:
                 writer.write(step.report, step.state, snapshot.row_text.decode())
             replace_recording(new, self.path)
         with self._lock:

@@ -17,6 +17,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from pmpnbp.errors import SettingError
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import problem as problem_module
 from pmpnbp.inference.arrival import Arrival, present
@@ -31,7 +32,7 @@ from pmpnbp.scene.model_files import ModelLimits, open_model
 from pmpnbp.scene.observation import Observation, Scan
 from pmpnbp.scene.prior import GaussianPrior, Orientation, UniformPrior, load_prior
 from pmpnbp.scene.urdf import load_model
-from pmpnbp.settings import SessionOptions, Settings, changed, preset
+from pmpnbp.settings import SessionOptions, Settings, changed, checked_option, preset
 from pmpnbp.version import version
 
 
@@ -98,8 +99,9 @@ def prepare(
     return inputs.problem(found, known_observation), inputs
 
 
-def store(connection: sqlite3.Connection, inputs: Inputs, model: ArticulatedObject) -> None:
-    """Write inputs, and the names of the `model` they lead to and of its parts, into a new recording."""
+def store(connection: sqlite3.Connection, inputs: Inputs, model: ArticulatedObject, max_std: float) -> None:
+    """Write inputs, the names of the `model` they lead to and of its parts, and the metres up to which a link is said
+    to be certain, into a new recording."""
     values = {
         "version": version(),
         "method": inputs.method,
@@ -110,6 +112,7 @@ def store(connection: sqlite3.Connection, inputs: Inputs, model: ArticulatedObje
         "region": None if inputs.roi is None else [float(number) for number in inputs.roi],
         "particles": inputs.particles,
         "seed": inputs.seed,
+        "max_std": max_std,
     }
     rows = [(name, json.dumps(value)) for name, value in values.items()]
     connection.executemany("INSERT INTO inputs VALUES (?, ?)", rows)
@@ -129,6 +132,16 @@ def option(connection: sqlite3.Connection, name: str) -> Any:
     if type(number) is not int or not entry.metadata["low"] <= number <= entry.metadata["high"]:
         raise ValueError(f"{name} is {number!r}")
     return number
+
+
+def max_std(connection: sqlite3.Connection) -> float:
+    """Metres up to which a link was said to be certain; the default in a recording of before it was kept. Raises
+    ValueError where it is no such number."""
+    row = connection.execute("SELECT value FROM inputs WHERE name = 'max_std'").fetchone()
+    try:
+        return float(SessionOptions.max_std if row is None else checked_option("max_std", read_json(row[0])))
+    except SettingError as error:
+        raise ValueError(str(error)) from None
 
 
 def restored_model(connection: sqlite3.Connection) -> ArticulatedObject:

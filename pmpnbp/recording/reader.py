@@ -101,11 +101,16 @@ class Recording:
             return inputs_module.restored_inputs(self.connection, folder, iteration)
 
     def inputs(self) -> dict[str, Any]:
-        """`version`, `method`, `model` (its name), `parts`, `settings`, `prior`, `region`, `particles` and `seed`, as
-        JSON has them: those the inference began with."""
+        """`version`, `method`, `model` (its name), `parts`, `settings`, `prior`, `region`, `particles`, `seed` and
+        `max_std`, as JSON has them: those the inference began with."""
         with self._reading("its inputs"):
             rows = self.connection.execute("SELECT name, value FROM inputs").fetchall()
             return {str(name): read_json(value) for name, value in rows}
+
+    def max_std(self) -> float:
+        """Metres up to which a link was said to be certain."""
+        with self._reading("its inputs"):
+            return inputs_module.max_std(self.connection)
 
     def changes(self, iteration: int | None = None) -> list[Change]:
         """Other settings and scans that an iteration was made with, in order; without it all there are."""

@@ -2,7 +2,8 @@
 
 | table | holds |
 | --- | --- |
-| `inputs` | JSON by name: version, method, model name, parts, settings, prior, region (of interest), particles, seed |
+| `inputs` | JSON by name: version, method, model name, parts, settings, prior, region (of interest), particles, seed,
+max_std (metres, up to which a link was said to be certain) |
 | `model` | the model as a zip that can be loaded again |
 | `scans` | depth image, camera, frame and stamp of each scan |
 | `iterations` | a row an iteration: stage, tolerance, score, seconds, notes; stays when its arrays are thinned out |

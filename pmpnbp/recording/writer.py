@@ -30,6 +30,7 @@ from pmpnbp.recording.posteriors import posterior_arrays
 from pmpnbp.recording.schema import ADDED_MODE, ADDED_TABLES, APPLICATION_ID, TABLES, VERSION, pack
 from pmpnbp.recording.thinning import Thinning
 from pmpnbp.scene.articulated_object import ArticulatedObject
+from pmpnbp.settings import SessionOptions
 
 # Size up to which every iteration is kept, bytes.
 MAX_BYTES = 1 << 30
@@ -50,16 +51,24 @@ class RecordingWriter:
     """A recording being written; a context manager.
 
     path : a new file, or an old recording, which is replaced; any other file is left alone
-    model : that of the problem, for its names
+    model : that of the problem, for its names; max_std : metres, up to which a link is said to be certain
     max_bytes : beyond it every second iteration is dropped, then three of four and so on; the newest is always kept
 
     Raises RecordingError where the file cannot be written, from `write` and on leaving too. `appending` goes on with a
     recording that is there.
     """
 
-    def __init__(self, path: Path, inputs: Inputs, model: ArticulatedObject, *, max_bytes: int = MAX_BYTES) -> None:
+    def __init__(
+        self,
+        path: Path,
+        inputs: Inputs,
+        model: ArticulatedObject,
+        *,
+        max_std: float = SessionOptions.max_std,
+        max_bytes: int = MAX_BYTES,
+    ) -> None:
         make_way(Path(path))
-        self._begin(path, max_bytes, partial(self._create, inputs, model))
+        self._begin(path, max_bytes, partial(self._create, inputs, model, max_std))
 
     @classmethod
     def appending(cls, path: Path, *, max_bytes: int = MAX_BYTES) -> RecordingWriter:
@@ -137,7 +146,7 @@ class RecordingWriter:
             self._thread.join()
         self._raise_failure()
 
-    def _create(self, inputs: Inputs, model: ArticulatedObject) -> None:
+    def _create(self, inputs: Inputs, model: ArticulatedObject, max_std: float) -> None:
         run = self._connection.execute
         run("BEGIN IMMEDIATE")
         # both in the transaction: a file killed here is empty rather than a recording without tables
@@ -145,7 +154,7 @@ class RecordingWriter:
         run(f"PRAGMA user_version = {VERSION}")
         for statement in (TABLES + ADDED_TABLES).split(";"):
             run(statement)
-        inputs_module.store(self._connection, inputs, model)
+        inputs_module.store(self._connection, inputs, model, max_std)
         run("COMMIT")
 
     def _go_on(self) -> None:

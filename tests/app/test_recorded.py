@@ -24,6 +24,7 @@ from tests.app import small_sessions as small
 READS = (
     "graph",
     "trace",
+    "decision",
     "decision?max_std=0.001",
     "beliefs/handle1",
     "beliefs/frame?format=npz&iteration=3",
@@ -41,7 +42,7 @@ READS = (
 def path(client: httpx.Client) -> str:
     """A session at iteration 8, to which settings and a view were added on the way."""
     # the view is of another scene: told to mind, the session would begin its search again
-    made = small.after(client, 4, name="kitchen", config=small.QUICK | {"view_explained": 0})
+    made = small.after(client, 4, name="kitchen", config=small.QUICK | {"view_explained": 0}, max_std=0.02)
     assert client.patch(made, json={"config": {"effective_share": 0.2}}).status_code == 200
     small.step(client, made, 2)
     view = small.upload_scan(client, "second_view")
@@ -104,7 +105,7 @@ def test_it_says_that_it_is_a_recording(client: httpx.Client, path: str, recorde
     found, session = answer.json(), client.get(path).json()
     assert (found["kind"], found["state"], found["name"]) == ("recording", "recorded", "kitchen")
     assert session["kind"] == "session"
-    for name in ("iteration", "method", "particles", "seed", "roi", "converged", "certain"):
+    for name in ("iteration", "method", "particles", "seed", "roi", "max_std", "converged", "certain"):
         assert found[name] == session[name], name
     assert found["prior"] == {"kind": "uniform", "orientation": "upright"}
     assert found["view_url"] == f"/sessions/{found['id']}/"

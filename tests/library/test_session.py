@@ -121,7 +121,7 @@ def test_changes_hold_from_the_next_iteration_on_and_are_recorded(tmp_path: Path
 
 
 def test_without_a_recording_one_is_made_again_for_the_page(tmp_path: Path) -> None:
-    with session() as changed:
+    with session(max_std=0.02) as changed:
         changed.step(3)
         changed.change(tolerance_end=0.02)
         changed.step(2)
@@ -131,7 +131,9 @@ def test_without_a_recording_one_is_made_again_for_the_page(tmp_path: Path) -> N
         path = changed._recorded(8, tmp_path / "again.sqlite")
     with pmpnbp.open_recording(path) as recorded:
         assert len(recorded) == 9
-        assert members(recorded.estimate()) == members(found)
+        assert members(recorded.estimate()) == members(found) and found.max_std == 0.02
+    with pmpnbp.open_recording(path, max_std=0.001) as recorded:
+        assert recorded.estimate().max_std == 0.001
 
 
 def test_the_page_shows_it(

@@ -20,6 +20,7 @@ from pmpnbp.inference.arrival import Arrival
 from pmpnbp.inference.belief import SOURCES
 from pmpnbp.readout.snapshot import Criteria
 from pmpnbp.recording import Change, IterationArchive, Recording, RecordingWriter
+from pmpnbp.settings import SessionOptions
 
 OLD = Path(__file__).parent / "before" / "format_2.sqlite"
 CRITERIA = Criteria(max_std=0.0025)
@@ -121,6 +122,8 @@ def test_its_inputs_and_changes_are_those_it_was_made_with(path: Path, tmp_path:
     with Recording(path) as recording:
         inputs = recording.restored_inputs(tmp_path)
         settings = [recording.settings(number).joint_draws for number in range(7)]
+        # which was not kept then
+        assert recording.max_std() == SessionOptions.max_std
     assert settings == [8, 8, 8, 8, 3, 3, 3]
     assert inputs.roi is not None
     assert inputs.roi.tolist() == [-0.0822, -0.1926, -0.1, 0.8932, 0.7035, 0.85]

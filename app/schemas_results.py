@@ -166,6 +166,7 @@ class Estimate(BaseModel):
     truth: dict[str, Any] | None = Field(None, description="errors, where the truth is known: ADD in metres by part")
     session_id: str = Field(description="the session")
     state: State = Field(description="what the session was doing when it was asked")
+    outdated: bool = Field(description="whether scans or settings have changed since this iteration")
 
 
 class WeightedPoses(BaseModel):

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
 from functools import partial
+from urllib.parse import quote
 
 import anyio.to_thread
 import uvicorn
@@ -166,7 +167,7 @@ def server_for(app: FastAPI, config: ServerConfig, listening: Callable[[], None]
 def link(config: ServerConfig) -> str:
     """Where the page is, with the token where there is one."""
     host = f"[{config.host}]" if ":" in config.host else config.host
-    return f"http://{host}:{config.port}/" + (f"?token={config.token}" if config.token else "")
+    return f"http://{host}:{config.port}/" + (f"?token={quote(config.token, safe='')}" if config.token else "")
 
 
 def _listen(config: ServerConfig) -> socket.socket:

@@ -19,7 +19,7 @@ from app.sessions.source import Source
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.names import some_of
-from pmpnbp.readout.posterior import TURN
+from pmpnbp.readout.posterior import TURN, Doubt
 from pmpnbp.readout.result import pose_members
 from pmpnbp.readout.sight import sights
 from pmpnbp.readout.snapshot import Snapshot
@@ -115,15 +115,25 @@ def _action(snapshot: Snapshot, blocking: list[str], max_std: float) -> tuple[st
         return "no_fit", posterior.fit.reason
     if not blocking:
         return "act", f"every asked link is known to {1000 * max_std:g} mm; {posterior.fit.reason}"
-    found = f"{some_of(blocking)} may be off by more than {1000 * max_std:g} mm"
     rows = {name: row for row, name in enumerate(snapshot.problem.mrf.model.links)}
     doubts = snapshot.placed.doubts(max_std)
-    if any(doubts["turned"][rows[link]] for link in blocking):
-        found += f", or turned by more than {np.degrees(TURN * max_std):g}°"
-    alike = [link for link in blocking if doubts["alike"][rows[link]]]
-    if alike:
-        found += f"; no view would tell how these are turned, which look the same in other turns: {some_of(alike)}"
-    return "look", found
+
+    def doubted(*why: Doubt) -> list[str]:
+        return [link for link in blocking if any(doubts[one][rows[link]] for one in why)]
+
+    found = []
+    off, turned = doubted("std_xyz", "expected_add", "elsewhere", "turned"), f"{np.degrees(TURN * max_std):g}°"
+    if off:
+        also = f", or turned by more than {turned}" if doubted("turned") else ""
+        found.append(f"{some_of(off)} may be off by more than {1000 * max_std:g} mm{also}")
+    if alike := doubted("alike"):
+        told = "no view would tell how these are turned, which look the same in other turns"
+        found.append(f"{told}: {some_of(alike)}")
+    if denied := doubted("denied"):
+        found.append(f"the scan sees through these, or what they hang on: {some_of(denied)}")
+    if doubted("draws"):
+        found.append("too few draws of the posterior count for anything to be certain")
+    return "look", "; ".join(found)
 
 
 def _views(

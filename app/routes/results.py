@@ -66,7 +66,8 @@ async def get_estimate(
         snapshot = await _newest(session, wait, timeout)
         if wait is not None and session.closed and not sessions_of(request).closed:
             raise HttpProblem(404, f"session '{session_id}' was deleted while it was waited for")
-    tail = json_bytes({"session_id": session.id, "state": session.state})
+    outdated = session.archive.changed_since(snapshot.iteration)
+    tail = json_bytes({"session_id": session.id, "state": session.state, "outdated": outdated})
     if posterior:
         snapshot = await read_out(request, session, snapshot)
     snapshot.asked.set()

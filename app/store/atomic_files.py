@@ -28,7 +28,7 @@ def create_folder(
     """
     try:
         with storage_told():
-            partial.mkdir()
+            partial.mkdir(parents=True)
             for name, source in files.items():
                 os.replace(source, partial / name)
             return land_folder(partial, place, documents)
@@ -46,6 +46,7 @@ def land_folder(partial: Path, place: Path, documents: Mapping[str, Mapping[str,
             write_json(partial / name, document)
         sync(partial)
         size = sum(path.stat().st_size for path in partial.iterdir())
+        place.parent.mkdir(parents=True, exist_ok=True)
         os.rename(partial, place)
         sync(place.parent)
         return size

@@ -116,7 +116,8 @@ class Store:
         """A folder for an upload, removed at the end with whatever is still in it."""
         folder = self._incoming / f"{_new_id()}.upload"
         with storage_told():
-            folder.mkdir()
+            # programs that clear old folders away take empty ones
+            folder.mkdir(parents=True)
         staging = Staging(folder, self._room)
         try:
             yield staging
@@ -186,7 +187,7 @@ class Store:
         folder = self.session_folder(id)
         try:
             with storage_told():
-                folder.mkdir()
+                folder.mkdir(parents=True)
             yield copy.deepcopy(draft)
         finally:
             with self._lock:

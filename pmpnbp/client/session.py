@@ -300,7 +300,8 @@ class RemoteSession:
 
     def _estimate(self, members: Mapping[str, Any]) -> Estimate:
         with understood("an estimate"):
-            result = {name: value for name, value in members.items() if name not in ("session_id", "state")}
+            own = ("session_id", "state", "outdated")
+            result = {name: value for name, value in members.items() if name not in own}
             return Estimate.from_dict(result, _Iteration(self, result["iteration"]))
 
 

@@ -104,7 +104,8 @@ def numbers(client: httpx.Client, path: str, iteration: int | None = None) -> di
     query = "" if iteration is None else f"?iteration={iteration}"
     answer = client.get(f"{path}/estimate{query}")
     assert answer.status_code == 200, answer.text
-    return {name: value for name, value in answer.json().items() if name not in ("seconds", "session_id", "state")}
+    own = ("seconds", "session_id", "state", "outdated")
+    return {name: value for name, value in answer.json().items() if name not in own}
 
 
 def problem(answer: httpx.Response, status: int, text: str) -> None:

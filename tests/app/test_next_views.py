@@ -55,10 +55,13 @@ def test_nothing_is_acted_on_that_a_change_has_outdated(client: httpx.Client, sh
         outdated["reason"] == f"scans or settings have changed since iteration {iteration}: the next one takes them in"
     )
     assert outdated["blocking"] == outdated["links"]
+    told = client.get(f"{path}/estimate?wait=certain&timeout=600").json()
+    assert (told["iteration"], told["outdated"]) == (iteration, True)
     # what it was then it still is
     assert client.get(f"{asked}&iteration={iteration}").json() == before
     small.step(client, path, 1)
     assert "have changed" not in client.get(asked).json()["reason"]
+    assert client.get(f"{path}/estimate").json()["outdated"] is False
     # nor by one that was the newest when it was asked for, though the next has been made meanwhile
     archive = shared.app.state.sessions.get(path.rsplit("/", 1)[1]).archive
     assert archive.changed_since(iteration) and not archive.changed_since()

@@ -231,6 +231,8 @@ def test_data_goes_where_the_system_keeps_users_data() -> None:
 def test_the_link_fits_the_address() -> None:
     assert link(ServerConfig(host="::1", port=80)) == "http://[::1]:80/"
     assert link(ServerConfig(host="0.0.0.0", port=81, token="a")) == "http://0.0.0.0:81/?token=a"
+    # what tokens are often made of means something else in an address
+    assert link(ServerConfig(host="h", port=81, token="a+b/c&d=#")) == "http://h:81/?token=a%2Bb%2Fc%26d%3D%23"
 
 
 @pytest.fixture(scope="module")

@@ -5,11 +5,13 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -201,6 +203,28 @@ def test_a_full_disk_is_said_and_changes_nothing(call: str, store: Store, monkey
     assert dict(store.sessions())[session] is not None
     assert dict(store.sessions())[session]["name"] == "old"  # type: ignore[index]
     store.close()
+
+
+@pytest.mark.parametrize("gone", ["incoming", "scans", "sessions", "."])
+def test_folders_that_were_cleared_away_are_made_again(gone: str, store: Store) -> None:
+    """Programs that clear old files away take empty folders."""
+    shutil.rmtree(store.root / gone)
+    with store.staging() as staging:
+        staging.claim(10)
+        write_scan(staging.folder / "scan.npz", SCAN)
+        kept = str(store.add("scans", staging.folder / "scan.npz", "b.pcd", {})["id"])
+    assert store.load_scan(kept).frame_id == SCAN.frame_id
+    session = create_session(store, {"name": "new"})
+    store = reopened(store)
+    assert [id for id, _ in store.sessions()] == [session]
+    store.close()
+
+
+def test_room_that_is_kept_for_recordings_is_told_of(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    sector, free = 4096, ROOM // 20 + 1000
+    monkeypatch.setattr(os, "statvfs", lambda _: SimpleNamespace(f_bavail=free // sector, f_frsize=sector))
+    with store.staging() as staging, pytest.raises(StorageError, match=r"no more than the 1 MiB that are kept free"):
+        staging.claim(free)
 
 
 def test_the_limit_on_disk_counts_entries_sessions_and_uploads(store: Store) -> None:

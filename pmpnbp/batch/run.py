@@ -24,6 +24,7 @@ from pmpnbp.batch.work import Outcome, Work, killed, pack, perform
 from pmpnbp.errors import PmpnbpError, RunError
 from pmpnbp.files import written_whole
 from pmpnbp.json_text import json_to_read
+from pmpnbp.library.estimate import Estimate
 from pmpnbp.recording.inputs import model_zip
 from pmpnbp.runs.run_log import RunLog
 from pmpnbp.runs.workers import spread
@@ -106,9 +107,8 @@ class _Batch:
         return self._write()
 
     def _done(self, row: Row) -> bool:
-        if not self._result(row.name).is_file():
-            return False
         try:
+            Estimate.load(self._result(row.name))  # it may be there, and be damaged
             kept = self._log.get(_asked(pack(row, self._archive)))
         except PmpnbpError:  # which is told when the row's turn comes
             return False

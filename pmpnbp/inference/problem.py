@@ -264,8 +264,8 @@ def build(
         known = {c: prior.joints[name] for name in prior.joints for c in coordinates[name]}
         model = _narrowed(model, known)
     turns = np.zeros(model.dof, dtype=bool)
-    for edge in model.edges:
-        turns[edge.coordinates] |= edge.revolute
+    for joint in model.joints:
+        turns[list(joint.coordinates)] |= joint.elementary_axes()[0]
     if settings.continued_reward < 1.0:
         observation = without_longer_surfaces(observation, LONGER * length_of(model))
     mrf, views = mrf_module.build(model), observation.views

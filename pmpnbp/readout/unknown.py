@@ -18,6 +18,7 @@ from pmpnbp.inference.joint_draws import short_way_round
 from pmpnbp.inference.mrf import part_motions
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.posterior import TURNED_AT_LEAST, Posterior, Spread
+from pmpnbp.scene.articulated_object import ArticulatedObject
 
 # A joint may stand anywhere where its central interval has this share of its range; a turn is any where the mean of
 # its draws, as points on the unit circle, is nearer to the middle than this.
@@ -32,22 +33,25 @@ def unknown(problem: Problem, posterior: Posterior, told: Spread) -> tuple[str, 
     """A sentence for each joint coordinate, and for each part that is round or has turns that look the same, of which
     that is all that is known."""
     model = problem.mrf.model
-    found = []
+    found, spans = [], _spans(model)
     for coordinate, name in enumerate(model.coordinate_names):
         turns, (low, high) = problem.joint_turns[coordinate], told.joint_intervals[:, coordinate]
-        span = 2 * np.pi if model.wraps[coordinate] else model.upper[coordinate] - model.lower[coordinate]
+        span = spans[coordinate]
         if not 0 < span < np.inf:
             continue
         anywhere = high - low > ANYWHERE * span
         places = []
         if anywhere or told.alike.any():
             places = _places(posterior, coordinate, model.wraps[coordinate], IN_PLACE * span)
+        whole = turns and not anywhere and not model.wraps[coordinate]
+        whole = whole and _may_be_whole_turns_off(problem, posterior, coordinate)
         if places:
-            found.append(f"joint '{name}' may be at {' or '.join(_position(one, turns, span) for one in places)}")
+            also = ", and whole turns from there" if whole else ""
+            found.append(f"joint '{name}' may be at {' or '.join(_position(one, turns, span) for one in places)}{also}")
         elif anywhere:
             ends = f"{_position(low, turns, span)} to {_position(high, turns, span)}"
             found.append(f"joint '{name}' may be anywhere from {ends}")
-        elif turns and not model.wraps[coordinate] and _may_be_whole_turns_off(problem, posterior, coordinate):
+        elif whole:
             place = _position((low + high) / 2, turns, span)
             found.append(f"joint '{name}' may be whole turns from {place}, which look the same")
     for part, evenness in zip(model.parts, told.round_turns, strict=True):
@@ -60,6 +64,16 @@ def unknown(problem: Problem, posterior: Posterior, told: Spread) -> tuple[str, 
         if ways:
             found.append(f"'{part.name}' may be turned in {1 + ways} ways that look the same")
     return tuple(found)
+
+
+def _spans(model: ArticulatedObject) -> Array:
+    """(D,) metres or radians that the joint vector may go over, as the model has it: a prior may leave less of it."""
+    spans = model.upper - model.lower
+    for joint in model.joints:
+        if joint.mimic is None:
+            own, entries = np.ptp(joint.limits(), axis=0), list(joint.coordinates)
+            spans[entries] = np.where(np.isfinite(own), own, spans[entries])
+    return spans
 
 
 def _may_be_whole_turns_off(problem: Problem, posterior: Posterior, coordinate: int) -> bool:

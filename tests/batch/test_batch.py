@@ -115,6 +115,12 @@ def test_going_on_makes_what_is_left_and_what_has_changed(
     assert (out / "results" / "two views.json").stat().st_mtime_ns == before
     monkeypatch.setattr(run_module, "spread", lambda *_: pytest.fail("nothing is left to be made"))
     assert main(again) == 0
+    # a result that is damaged is none
+    (out / "results" / "two views.json").write_text("{")
+    left: list[str] = []
+    monkeypatch.setattr(run_module, "spread", lambda _, works, *__: left.extend(one.name for one in works) or iter(()))
+    main(again)
+    assert left == ["two views"]
     # an option, or what is in a file, makes another row of it; what it gave before is no result of it
     monkeypatch.setattr(run_module, "spread", run_here)
     (made / "cut.png").write_bytes(b"")

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -19,9 +22,11 @@ from pmpnbp.readout.surface_distance import part_surfaces, turn_agreement
 from pmpnbp.readout.unknown import unknown
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint, Mesh
 from pmpnbp.scene.parts import LinkSurface
-from pmpnbp.scene.prior import UniformPrior
+from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from tests.inference import small_worlds as worlds
 from tests.inference.small_worlds import X, Z, articulated, at, block
+
+UPRIGHT = UniformPrior("upright")
 
 
 def cylinder(radius: float, length: float) -> LinkSurface:
@@ -31,10 +36,16 @@ def cylinder(radius: float, length: float) -> LinkSurface:
     )
 
 
-def told_of(model: ArticulatedObject, root: Array, joints: Array, eye: float = 0.7) -> tuple[str, ...]:
+def told_of(
+    model: ArticulatedObject,
+    root: Array,
+    joints: Array,
+    eye: float = 0.7,
+    prior: UniformPrior | GaussianPrior = UPRIGHT,
+) -> tuple[str, ...]:
     """What is unknown of a model that is seen at a configuration from a height `eye`, drawn from there."""
     observation = worlds.seen(model, root, joints, worlds.camera_at((0.0, 0.0, eye), root[:3]), margin=0.3)
-    made: Problem = problems.build(model, observation, UniformPrior("upright"), worlds.settings(), particles=20)
+    made: Problem = problems.build(model, observation, prior, worlds.settings(), particles=20)
     draws = mode_draws(np.random.default_rng(3), made, root, joints)
     posterior = Posterior(
         iteration=0,
@@ -60,6 +71,17 @@ def test_a_drawer_that_cannot_be_seen_is_named_with_where_it_may_be() -> None:
     assert told_of(model, front, np.array([0.05])) == ()
     (sentence,) = told_of(model, back, np.array([0.05]), eye=0.3)
     assert sentence.startswith("joint 'slide' may be anywhere from 0.0") and sentence.endswith(" m")
+    # what a prior leaves is not all that the joint may go over
+    loose, known = np.full(3, 0.1), {"slide": (0.05, 1e-4)}
+    assert told_of(model, back, np.array([0.05]), 0.3, GaussianPrior("link0", back, loose, loose, known)) == ()
+
+
+def test_a_turn_that_moves_nothing_is_told_in_degrees() -> None:
+    """As of a root link without geometry, about which the object turns: no part's pose depends on it."""
+    turn = Joint("turn", "revolute", "link0", "link1", at(), Z, -0.84, 0.84, (0,))
+    model = articulated([turn], {"link1": block([0.4, 0.25, 0.2])})
+    (sentence,) = told_of(model, at(1.2, 0.0, 0.1, yaw=0.3), np.array([0.1]))
+    assert re.fullmatch(r"joint 'turn' may be anywhere from -[34]\d° to [34]\d°", sentence)
 
 
 def test_places_of_a_joint_that_hardly_moves_are_told_apart() -> None:
@@ -107,7 +129,8 @@ def test_a_foot_that_looks_the_same_in_two_turns_and_where_the_joint_on_it_is_th
     """The bar on it is seen well, a hand's breadth off its middle; half a turn of the foot takes the joint with it."""
     turn = Joint("turn", "revolute", "link0", "link1", at(0, 0, 0.1), Z, -3.1, 3.1, (0,))
     foot = block([0.4, 0.25, 0.2])
-    model = articulated([turn], {"link0": foot, "link1": block([0.4, 0.08, 0.3], at(0.1, 0, 0.15))})
+    links = {"link0": foot, "link1": block([0.4, 0.08, 0.3], at(0.1, 0, 0.15))}
+    model = articulated([turn], links)
     places = [
         (at(1.2, 0.0, 0.1, yaw=0.3), np.array([1.5])),
         (at(1.2, 0.0, 0.1, yaw=0.3 - np.pi), np.array([1.5 - np.pi])),
@@ -122,6 +145,12 @@ def test_a_foot_that_looks_the_same_in_two_turns_and_where_the_joint_on_it_is_th
     )
     doubts = told.doubts(two, 0.0025)
     assert doubts["alike"].tolist() == [True, False] and doubts["elsewhere"].tolist() == [True, False]
+    # nor do whole turns tell from which
+    free = articulated([replace(turn, lower=-20.0, upper=20.0)], links)
+    wound = problems.build(free, observation, UPRIGHT, worlds.settings(), particles=20)
+    assert unknown(wound, two, spread(wound, two, *places[0]))[0] == (
+        "joint 'turn' may be at -94° or 86°, and whole turns from there"
+    )
     # two modes of one turn are one way
     tilted = (places[1][0], places[1][1] + 0.02)
     three = of_modes(made, [*places, tilted], [0.5, 0.3, 0.2])

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
-from pmpnbp.inference.held_part import Held
+from pmpnbp.inference.held_part import LITTLE, Held
 from pmpnbp.inference.joint_draws import short_way_round
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import curvature
@@ -62,16 +63,29 @@ def curvature_information(
     the priors, in a place's coordinates and the nuisances numbered `free` (F,); where neither tells anything it is
     `loose`, metres and radians."""
     information = 2 * confidence(problem) * curvature(problem, place.root, place.joints, tolerance, free)
-    if isinstance(problem.prior, GaussianPrior):
-        known = np.concatenate([problem.prior.std_xyz, problem.prior.std_rpy])
-        information[range(6), range(6)] += 1 / known**2
     size = 6 + len(place.joints)
     if place.part:
         own = np.eye(len(information))
         own[:size, :size] = place.by_root
         information = own.T @ information @ own
+    information[:size, :size] += prior_information(problem, place)
     information += np.diag(np.concatenate([np.full(size, loose), problem.nuisance_std[free]]) ** -2.0)
     return information
+
+
+def prior_information(problem: Problem, place: Held) -> Array:
+    """(6 + D, 6 + D): what a Gaussian prior tells of a place's coordinates, by `Problem.log_prior` and of joints; zero
+    where the prior is none."""
+    size = 6 + len(place.joints)
+    found = np.zeros((size, size))
+    if isinstance(problem.prior, GaussianPrior):
+        moved = place.placed(LITTLE * np.concatenate([np.zeros((1, size)), np.eye(size)]))
+        here, *there = place.mrf.part_poses(*moved)[:, problem.prior_node]
+        slopes = np.concatenate(poses.perturbation(here, np.array(there), np.zeros(3)), axis=1) / LITTLE
+        found = (slopes / np.concatenate([problem.prior.std_xyz, problem.prior.std_rpy]) ** 2) @ slopes.T
+        for coordinate, (_, std) in problem.joint_prior.items():
+            found[6 + coordinate, 6 + coordinate] += std**-2.0
+    return found
 
 
 def measured_covariance(density: LogDensity, here: float, covariance: Array) -> Array:

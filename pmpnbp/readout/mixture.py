@@ -34,11 +34,12 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import agreeing, polish
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.denied_parts import drawn_anew, without
-from pmpnbp.readout.fit import assess
+from pmpnbp.readout.fit import Fit, assess
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.object_posterior import ModeDraws, draws_or_better, misfit, mode_draws
 from pmpnbp.readout.places import Place, contenders, least_reach, mode_reach, strayed
 from pmpnbp.readout.posterior import Centre, ObjectMode, Posterior
+from pmpnbp.scene.prior import GaussianPrior
 
 # Modes are told at most, and what weighs less than this is none.
 MODES, LEAST_WEIGHT = 6, 1e-4
@@ -46,6 +47,8 @@ MODES, LEAST_WEIGHT = 6, 1e-4
 # where nuisances are free, which the place does not take over, they may be better by those alone. And a middle that is
 # as much worse is none.
 SURPASSED, SURPASSED_BY_NUISANCES, MOVES = 30.0, 45.0, 6
+# Standard deviations of a prior, of six numbers, that no object is from where it was said to be.
+CONTRADICTED = 8.0
 
 
 def read_out(problem: Problem, report: IterationReport, checkpoint: Checkpoint = go_on) -> Posterior | None:
@@ -148,7 +151,7 @@ def _told(
     log_weights[order] = normalise(log_weights[order])
     better = [k for k in order if not places[k].apart and places[k].nats > places[0].nats]
     told = next((k for k in better if log_weights[k] > log_weights[0]), 0)
-    fit = assess(places[told].seen)
+    fit = _agreeing_with_prior(problem, places[told], assess(places[told].seen))
     denied = [node for node, part in enumerate(model.parts) if part.name in fit.denied]
     drawn_in = problem
     if denied and 0 not in denied:
@@ -177,6 +180,18 @@ def _told(
         drawn_sizes=_sizes(problem, found),
         centre=_centre(drawn_in, place) if problem.settings.object_estimate else None,
     )
+
+
+def _agreeing_with_prior(problem: Problem, place: Place, fit: Fit) -> Fit:
+    """The fit of a place, doubtful where that is far from where a prior has the object: one of them is wrong."""
+    if fit.verdict != "good" or not isinstance(problem.prior, GaussianPrior):
+        return fit
+    at = problem.mrf.part_poses(place.root, place.joints)[problem.prior_node]
+    off = float(np.sqrt(-2 * problem.log_prior(at)))
+    if off <= CONTRADICTED:
+        return fit
+    told = f"{fit.reason}, but {off:.3g} standard deviations from where the prior has it"
+    return replace(fit, verdict="doubtful", reason=told)
 
 
 def _log_weights(places: list[Place]) -> Array:

@@ -21,9 +21,16 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.nuisances import split
 from pmpnbp.readout.chain_bends import bends, bent_otherwise
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
-from pmpnbp.readout.first_proposal import LOOSE, Elsewhere, curvature_information, joints_elsewhere, measured_covariance
+from pmpnbp.readout.first_proposal import (
+    LOOSE,
+    Elsewhere,
+    curvature_information,
+    joints_elsewhere,
+    measured_covariance,
+    prior_information,
+)
 from pmpnbp.readout.free_turn import free_turn, turned_anyhow
-from pmpnbp.readout.image_grain import grain
+from pmpnbp.readout.image_grain import blunted, grain
 from pmpnbp.readout.importance_sampling import LogDensity, Proposal, adaptive_importance, standardised
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.scene.prior import UniformPrior
@@ -127,7 +134,8 @@ def draws_or_better(
     if drawn.log_density[best] - here > surpassed:
         roots, q = about.placed(rows[[best]])
         return Better(roots[0], within_limits(q[0], model.lower, model.upper, model.wraps))
-    middle, hidden = weights @ rows, grain(problem, about)
+    # what the image hides of what a prior tells is not hidden
+    middle, hidden = weights @ rows, blunted(grain(problem, about), prior_information(problem, about))
     roots, q = _stirred(rng, problem, about, rows, hidden)
     covariance = np.einsum("k,ki,kj->ij", weights, rows - middle, rows - middle) + hidden
     return ModeDraws(

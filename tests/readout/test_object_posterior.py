@@ -74,8 +74,10 @@ def test_a_joint_s_posterior_is_that_on_a_grid(name: str, longest: float) -> Non
     mean = weights @ slide
     std = np.sqrt(weights @ (slide - mean) ** 2)
     assert (std < 0.002) if name == "seen" else (std > 0.2 * longest)
-    # and what the image's grain hides besides
-    std = np.hypot(std, np.sqrt(grain(fixed, Held(fixed.mrf, 0, ROOT, at))[6 + SLIDE, 6 + SLIDE]))
+    # and what the image's grain hides besides, of a root that is known to a hundredth of a millimetre
+    hidden, known = grain(fixed, Held(fixed.mrf, 0, ROOT, at)), np.diag(np.full(6, 1e-5**2))
+    tied = np.linalg.solve(hidden[:6, :6] + known, hidden[:6, 6 + SLIDE])
+    std = np.hypot(std, np.sqrt(hidden[6 + SLIDE, 6 + SLIDE] - hidden[6 + SLIDE, :6] @ tied))
 
     found = np.array([moments(mode_draws(np.random.default_rng([4, k]), fixed, ROOT, at)) for k in range(20)])
     for measured, expected in zip(found.T, (mean, std), strict=True):
@@ -154,3 +156,18 @@ def test_the_same_seed_gives_the_same_draws() -> None:
     for name in ("roots", "joints", "log_weights"):
         np.testing.assert_array_equal(getattr(once, name), getattr(again, name))
     assert once.log_evidence == again.log_evidence
+
+
+def test_what_is_known_beforehand_stays_known() -> None:
+    """However coarse the image: the root to a hundredth of a millimetre, and the slide."""
+    prior = GaussianPrior("link0", ROOT, np.full(3, 1e-5), np.full(3, 1e-5), {"slide": (float(JOINTS[SLIDE]), 1e-5)})
+    made = looked_at(prior)
+    draws = mode_draws(np.random.default_rng(0), made, ROOT, JOINTS)
+    weights = np.exp(draws.log_weights)
+    moves, turns = poses.perturbation(ROOT, draws.roots, np.zeros(3))
+    apart = np.concatenate([moves, turns, draws.joints[:, [SLIDE]] - JOINTS[SLIDE]], axis=1)
+    # what the prior says of each, once by the draws and once at most by what the image hides
+    assert np.all(weights @ apart**2 < 2.5 * 1e-5**2)
+    loose = mode_draws(np.random.default_rng(0), looked_at(UniformPrior("upright")), ROOT, JOINTS)
+    moves, _ = poses.perturbation(ROOT, loose.roots, np.zeros(3))
+    assert np.any(np.exp(loose.log_weights) @ moves**2 > 10 * 1e-5**2)

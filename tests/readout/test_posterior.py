@@ -27,7 +27,7 @@ from pmpnbp.readout.posterior import FEWEST_DRAWS, LONG, TURN, Posterior, spread
 from pmpnbp.readout.posterior import TURNED as OFTEN
 from pmpnbp.recording.posteriors import posterior_arrays
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
-from pmpnbp.scene.prior import UniformPrior
+from pmpnbp.scene.prior import GaussianPrior, UniformPrior
 from pmpnbp.scene.sizes import resized
 from tests.inference import small_worlds as worlds
 from tests.inference.small_worlds import X, articulated, at, block
@@ -380,3 +380,15 @@ def test_what_is_told_of_a_joint_lies_in_its_interval(problem: Problem) -> None:
         assert low <= position <= high
     drawn = np.quantile(found.drawn_joints[:, 0], 0.99)
     assert drawn < 0.2 and high == 0.25
+
+
+@pytest.mark.parametrize(("deviations", "verdict"), [(4.0, "good"), (12.0, "doubtful")])
+def test_a_place_that_a_prior_speaks_against_is_doubtful(deviations: float, verdict: str) -> None:
+    """One of them is wrong, and nobody can say which: it was certain with its root turned round by 31 deviations."""
+    model, away = twin(), poses.multiply(ROOT, at(0.0, 0.0, 0.0, 0.05 * deviations))
+    prior = GaussianPrior("link0", away, np.full(3, 0.05), np.full(3, 0.05), {})
+    made = problems.build(model, worlds.seen(model, ROOT, SHUT), prior, worlds.settings(), particles=20, seed=5)
+    found = of_estimate(made, report(made))
+    assert found.fit.verdict == verdict
+    assert ("12 standard deviations from where the prior has it" in found.fit.reason) == (verdict == "doubtful")
+    assert spread(made, found, ROOT, SHUT).doubts(found, 0.05)["fit"].all() == (verdict == "doubtful")

@@ -86,8 +86,8 @@ async function withoutMeshes(models, files, found) {
   const meshes = new Set();
   for (const model of models) {
     const text = await model.file.text();
-    const named = [...text.matchAll(/filename\s*=\s*["']([^"']+)["']/g)].map((match) => nameOf(match[1]));
-    const own = rest.filter(({ path }) => named.includes(nameOf(path)));
+    const named = [...new Set([...text.matchAll(/filename\s*=\s*["']([^"']+)["']/g)].map((match) => match[1]))];
+    const own = rest.filter(({ path }) => named.some((name) => nameOf(name) === nameOf(path)));
     for (const one of own) meshes.add(one);
     // what meshes name themselves, materials and textures, lies beside them
     const folders = new Set(own.map(({ path }) => folderOf(path)));
@@ -100,12 +100,25 @@ async function withoutMeshes(models, files, found) {
     if (!own.length) found.uploads.push({ kind: "models", path: model.path, file: model.file });
     else {
       const name = nameOf(model.path).replace(/\.[^.]*$/, "");
-      const file = await zipped(`${name}.zip`, [{ ...model, path: asUrdf(model.path) }, ...own, ...beside]);
+      const file = await zipped(`${name}.zip`, [
+        { ...model, path: asUrdf(model.path) },
+        ...own.flatMap((one) => placesOf(one.path, named).map((path) => ({ ...one, path }))),
+        ...beside,
+      ]);
       found.uploads.push({ kind: "models", path: model.path, file });
     }
   }
   rest = rest.filter((one) => !meshes.has(one));
   return rest;
+}
+
+// Where a mesh goes in a model's zip: as it lies in a folder; a file chosen by itself where the model names it.
+function placesOf(path, named) {
+  const own = named
+    .filter((name) => nameOf(name) === path)
+    .map((name) => name.replace(/^(package:\/\/[^/]*|\w+:\/)?\/+/, ""));
+  const within = own.filter((name) => !name.split("/").includes(".."));
+  return within.length ? [...new Set(within)] : [path];
 }
 
 const asUrdf = (path) => (suffix(path) === "urdf" ? path : path.replace(/\.[^.]*$/, ".urdf"));

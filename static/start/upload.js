@@ -159,6 +159,7 @@ function send(row, kind, file, camera) {
 // What is said to be there is chosen already: who goes on at once goes on with it.
 async function landed(row, kind, file, entry, alone) {
   await refresh([kind]);
+  trouble(byId("create-trouble"), ""); // it may have been that this was missing
   if (kind === "models") chooseModel(entry.id);
   if (kind === "scans") chooseScan(entry.id);
   setAttributes(row, { "data-state": "done" });

@@ -15,6 +15,7 @@ from tests.browser.start_page import arrived, card, emptied, sessions
 from tests.servers import Served
 
 SCENE = small.CABINET / "open"
+ROBOT = small.CABINET.parent / "robot"
 URDF, DEPTH, CAMERA = small.CABINET / "cabinet.urdf", SCENE / "depth.png", SCENE / "camera.json"
 __all__ = ["emptied"]  # a fixture of every test here
 expect.set_options(timeout=PATIENCE)
@@ -57,6 +58,9 @@ def test_files_are_chosen_and_become_a_session(page: Page, served: Served) -> No
     assert found["roi"] == small.ROI and found["prior"] == {"kind": "uniform", "orientation": "any"}
     page.goto(served.url)
     expect(card(page, "made by hand").locator(".method")).to_have_text("particle filter")
+    # a mesh that is chosen by itself goes where the model names it: robot.urdf says meshes/head.obj
+    page.get_by_label("Choose files").set_input_files([ROBOT / "robot.urdf", ROBOT / "meshes" / "head.obj"])
+    expect(page.get_by_role("list", name="Uploads").get_by_text("12 links, 11 joints, 12 parts")).to_be_visible()
 
 
 def test_files_are_dropped_wherever_it_is_on_the_page(page: Page, served: Served) -> None:

@@ -59,7 +59,8 @@ class Session(Source):
         self._slots = slots
         self._room = room
         self._document = document
-        archive = IterationArchive(store.session_folder(id) / RECORDING, f"session '{id}'")
+        remedy = "reset or delete" if document.get("model_id") else "delete"
+        archive = IterationArchive(store.session_folder(id) / RECORDING, f"session '{id}'", remedy=remedy)
         super().__init__(id, Events(first, first, self._reserve), archive)
         self._lock = threading.RLock()
         self._worker = Worker(f"session-{id}", self._pursue_goal, archive.abandon, partial(slots.nudge, self))

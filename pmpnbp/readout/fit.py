@@ -73,7 +73,7 @@ def _judged(seen: Confirmation) -> tuple[Verdict, str]:
         return "doubtful", share
     hidden = seen.hidden / max(seen.covered, 1)
     if hidden > HIDDEN or (hidden > HALF_HIDDEN and seen.score < FEW_IF_HIDDEN):
-        return "doubtful", f"something in front hides {100 * hidden:.0f} % of the object"
+        return "doubtful", f"something in front hides {100 * hidden:.0f} % of the object, if it is there at all"
     if seen.outside_region:
         beyond = 100 * seen.outside / seen.covered
         return "doubtful", f"{share}, but {beyond:.0f} % of the object is outside the region of interest"

@@ -272,7 +272,7 @@ class IterationArchive:
     def _writing(self) -> RecordingWriter:
         if not self.path.exists():
             self.damage = f"somebody has removed its {self.path.name}"
-            self.check()
+            raise RecordingError(self.damage)
         if self._writer is None:
             self._writer = RecordingWriter.appending(self.path)
         return self._writer

@@ -58,6 +58,12 @@ def test_it_starts_and_tells_what_is_whole(copies: tuple[Any, dict[str, list[str
                 answer = served.client.get(path)
                 assert answer.status_code in (200, 404, 409), f"{path}: {answer.status_code} {answer.text[:200]}"
                 assert answer.status_code == 200 or answer.headers["Content-Type"] == MEDIA_TYPE
+    # a session that does not tell what it was given cannot be reset to it
+    lost = [one["id"] for one in served.client.get("/api/v1/sessions").json() if "session.json" in (one["error"] or "")]
+    assert lost
+    for id in lost:
+        said = served.client.get(f"/api/v1/sessions/{id}/estimate").json()["detail"]
+        assert said == f"session '{id}' is failed: its session.json is damaged; only delete helps"
 
 
 def test_it_can_be_removed(copies: tuple[Any, dict[str, list[str]]]) -> None:

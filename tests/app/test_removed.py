@@ -73,6 +73,7 @@ def test_a_session_does_not_go_on_into_a_removed_file(served: Any, inside: tuple
     gone(served, "sessions", path.rpartition("/")[2], *inside)
     status = settled(client, path)
     assert status["state"] == "failed" and "removed" in status["error"]
+    assert "is failed" not in status["error"]  # which is said of it where it is asked for something
     check(calls(client, session_id=path.rpartition("/")[2]))
     assert client.post(f"{path}/step").status_code in (404, 409)
     assert client.get("/api/v1/sessions").status_code == 200

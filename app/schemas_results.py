@@ -150,15 +150,16 @@ class Estimate(BaseModel):
         description="whole objects that the posterior has weight on, heaviest first; their weights sum to 1"
     )
     unknown: list[str] = Field(description="a sentence for each joint and turn that the scan does not tell at all")
-    depth_noise: list[float] = Field(
-        description="of each view, metres: standard deviation of its depths at the object, that the inference goes by"
+    depth_noise: list[float | None] = Field(
+        description="of each scan, metres: standard deviation of its depths at the object, that the inference goes by; "
+        "null for one that shows nothing of the region"
     )
-    depth_noise_area: list[float] = Field(
-        description="of each view: so many pixels of the working image err as one; 1 where each errs on its own"
+    depth_noise_area: list[float | None] = Field(
+        description="of each scan, or null: so many pixels of the working image err as one; 1 where each errs alone"
     )
-    depth_distortion: list[float] = Field(
-        description="of each view, metres: standard deviation at the object of errors that are smooth over all of a "
-        "part; 0 where flat surfaces of the scan show none"
+    depth_distortion: list[float | None] = Field(
+        description="of each scan, metres: standard deviation at the object of errors that are smooth over all of a "
+        "part; 0 where its flat surfaces show none, or null"
     )
     nuisances: dict[str, NuisanceEstimate] = Field(
         description="depth_scale/VIEW, camera/VIEW/AXIS and size/AXIS, where the settings leave them free"

@@ -42,7 +42,7 @@ def get_graph(session_id: SessionId, request: Request) -> Any:
         }
         for edge in model.edges
     ]
-    views = len(problem.observation.views)
+    views = problem.observation.scan_count
     return {"session_id": session.id, "parts": parts, "edges": edges, "views": views, "truth": session.truth_known}
 
 

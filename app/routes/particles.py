@@ -133,11 +133,14 @@ def get_particle_picture(
     support plane, no depth. In the pixels of the inference's working image, cut out around the part."""
     session, snapshot = read(request, session_id, iteration, [link])
     _check_index(snapshot, index)
-    views = len(snapshot.problem.observation.views)
-    if view >= views:
-        raise no_view(session, view, views)
+    observation, node = snapshot.problem.observation, _node(snapshot, link)
+    if view >= observation.scan_count:
+        raise no_view(session, view, observation.scan_count)
+    if view not in observation.scan_numbers:
+        raise HttpProblem(404, f"view {view} of {session.kind} '{session.id}' shows nothing of the region of interest")
+    own = observation.scan_numbers.index(view)
     picture = particle_picture(
-        snapshot.problem, snapshot.report, _node(snapshot, link), index, view=view, width=width, dark=theme == "dark"
+        snapshot.problem, snapshot.report, node, index, view=own, width=width, dark=theme == "dark"
     )
     return Response(picture, media_type="image/png")
 

@@ -105,7 +105,7 @@ def _found(request: Request, model_id: str, scan_ids: Sequence[str]) -> dict[str
 def _of_recording(source: Source) -> dict[str, Any]:
     def look() -> dict[str, Any]:
         problem = source.archive.read().problem
-        return regions([source.scan(view)[1] for view in range(len(problem.observation.views))], problem.mrf.model)
+        return regions([source.scan(view)[1] for view in range(problem.observation.scan_count)], problem.mrf.model)
 
     return _kept((source.id,), look)
 

@@ -127,7 +127,7 @@ def _recording(job: Job, open_recording: Callable[[Path], Any], last_shown: Call
             "particles": problem.particles,
             "seed": problem.seed,
             "parts": [part.name for part in problem.mrf.model.parts],
-            "scans": len(problem.observation.views),
+            "scans": problem.observation.scan_count,
             "iterations": len(iterations),
             "first_iteration": iterations[0],
             "last_iteration": iterations[-1],

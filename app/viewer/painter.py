@@ -104,7 +104,7 @@ class Painter:
         """Where the place of that name is for what the view would show in `state`. Raises HttpProblem where there is
         nothing yet."""
         snapshot = self._scenery.snapshot(self._source, state.iteration, 0.0)
-        own = self._scenery.stage(self._source, snapshot, len(snapshot.problem.observation.views))
+        own = self._scenery.stage(self._source, snapshot, snapshot.problem.observation.scan_count)
         return place(look, snapshot.placed.part_poses, state, own, self.camera.aspect)
 
     # The thread
@@ -189,7 +189,7 @@ class Painter:
         self._apply_theme(state)
         if key == self._told_key:
             return False
-        own = self._stage(self._source, snapshot, len(snapshot.problem.observation.views))
+        own = self._stage(self._source, snapshot, snapshot.problem.observation.scan_count)
         if key != self._drawn_key:
             against = None if compared is None else (compared[1], self._stage(*compared, 0))
             scene = self._scenery.frame(

@@ -147,11 +147,11 @@ def _clumps(through: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def by_last_views(problem: Problem, first: int) -> Problem:
-    """The problem as the views from number `first` on alone have it, to ask what these confirm."""
+    """The problem as the views of scans from number `first` on alone have it, to ask what these confirm."""
     observation, nuisances = problem.observation, problem.nuisances
-    views = observation.views
+    views, before = observation.views, sum(number < first for number in observation.scan_numbers)
     return replace(
         problem,
-        observation=replace(observation, views=views[first:]),
-        nuisances=None if nuisances is None else of_last_views(nuisances, len(views), first),
+        observation=replace(observation, views=views[before:], showing=None),
+        nuisances=None if nuisances is None else of_last_views(nuisances, len(views), before),
     )

@@ -89,6 +89,7 @@ def begin(problem: Problem) -> tuple[State, IterationReport]:
         map_joints=np.clip(0.0, model.lower, model.upper),
         map_score=float("nan"),
         seconds=0.0,
+        notes=tracking.out_of_sight(problem.observation),
     )
     return state, report
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from pmpnbp.geometry import poses
 from pmpnbp.inference import global_search, initialisation
+from pmpnbp.inference.arrival import Arrival
 from pmpnbp.inference.belief import OWN, IterationReport, State
 from pmpnbp.inference.confirmation import Confirmation, by_last_views, confirmation
 from pmpnbp.inference.hypotheses import Proposals
@@ -26,6 +27,7 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.settling import SETTLE_INFORMED, tight_tolerance
 from pmpnbp.inference.tree_estimate import assemble
 from pmpnbp.names import some_of
+from pmpnbp.scene.observation import Observation
 from pmpnbp.scene.prior import UniformPrior
 from pmpnbp.settings import Schedule
 
@@ -45,6 +47,21 @@ def received(rng: np.random.Generator, state: State, problem: Problem) -> Outcom
     arrival = problem.arrival
     if arrival is None or arrival.after_iteration != state.iteration or state.iteration == 0:
         return state, None, ()
+    state, report, notes = _asked(rng, state, problem, arrival)
+    return state, report, (*out_of_sight(problem.observation, arrival.first), *notes)
+
+
+def out_of_sight(observation: Observation, first: int = 0) -> tuple[str, ...]:
+    """What is to be said where scans from number `first` on show nothing of the region."""
+    gone = [str(number) for number in range(first, observation.scan_count) if number not in observation.scan_numbers]
+    if not gone:
+        return ()
+    shown = f"view {gone[0]} shows" if len(gone) == 1 else f"views {some_of(gone)} show"
+    return (f"{shown} nothing of the region of interest",)
+
+
+def _asked(rng: np.random.Generator, state: State, problem: Problem, arrival: Arrival) -> Outcome:
+    """The same of views that have just come."""
     if state.iteration - state.search_after < problem.search_iterations:
         if not arrival.replaces:
             return state, None, ()
@@ -101,7 +118,7 @@ def _share(seen: Confirmation) -> str:
 def _views(problem: Problem) -> str:
     """The new views by number, from 0 as everywhere."""
     assert problem.arrival is not None
-    first, last = problem.arrival.first, len(problem.observation.views) - 1
+    first, last = problem.arrival.first, problem.observation.scan_count - 1
     return f"view {first}" if first == last else f"what views {first} to {last} show"
 
 

@@ -12,6 +12,8 @@ A vector of nuisances has, in this order, K = 7 V + 3 numbers for V views:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from pmpnbp.geometry import poses
@@ -21,11 +23,12 @@ from pmpnbp.settings import Settings
 CAMERA_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
-def names(views: int) -> tuple[str, ...]:
-    """(K,) what each nuisance is called: depth_scale/0, camera/1/rx, size/x."""
+def names(scans: Sequence[int]) -> tuple[str, ...]:
+    """(K,) what each nuisance is called, where the views are of the scans numbered so: depth_scale/0, camera/1/rx,
+    size/x."""
     return (
-        *(f"depth_scale/{view}" for view in range(views)),
-        *(f"camera/{view}/{axis}" for view in range(views) for axis in CAMERA_AXES),
+        *(f"depth_scale/{scan}" for scan in scans),
+        *(f"camera/{scan}/{axis}" for scan in scans for axis in CAMERA_AXES),
         *(f"size/{axis}" for axis in "xyz"),
     )
 

@@ -109,8 +109,9 @@ class Estimate:
     """What an iteration says about the object.
 
     part_poses : (N, 7), part in world; joint_positions : (D,) the joint vector; both agree with the tree
-    depth_noise : standard deviation of each view's depths at the object, metres, that the inference goes by;
-        depth_noise_area : pixels of it that err as one, see `scene/depth_noise.py`
+    depth_noise : standard deviation of each scan's depths at the object, metres, that the inference goes by, None of
+        one that shows nothing of the region; depth_noise_area : pixels of it that err as one, see
+        `scene/depth_noise.py`
     depth_distortion : likewise, of errors that are smooth over all of a part, see `scene/depth_distortion.py`
     posterior : what the scan leaves open, or None where it was not read out; alternatives : its modes, heaviest first
     unknown : a sentence for each joint and turn that the scan does not tell at all
@@ -129,9 +130,9 @@ class Estimate:
     joint_positions: Array
     links: tuple[LinkEstimate, ...]
     joints: tuple[JointEstimate, ...]
-    depth_noise: tuple[float, ...]
-    depth_noise_area: tuple[float, ...]
-    depth_distortion: tuple[float, ...]
+    depth_noise: tuple[float | None, ...]
+    depth_noise_area: tuple[float | None, ...]
+    depth_distortion: tuple[float | None, ...]
     nuisances: tuple[NuisanceEstimate, ...] = ()
     posterior: Posterior | None = None
     alternatives: tuple[Alternative, ...] = ()
@@ -223,9 +224,9 @@ def estimate(
         placed.joint_positions,
         tuple(links),
         moving,
-        tuple(problem.noise.tolist()),
-        tuple(problem.noise_area.tolist()),
-        tuple(view.distortion * view.distance for view in observation.views),
+        observation.by_scan(problem.noise),
+        observation.by_scan(problem.noise_area),
+        observation.by_scan(view.distortion * view.distance for view in observation.views),
         _nuisance_estimates(stands),
         posterior,
         _alternatives(stands),
@@ -252,7 +253,7 @@ def _nuisance_estimates(stands: Standing) -> tuple[NuisanceEstimate, ...]:
     problem = stands.problem
     if problem.nuisances is None:
         return ()
-    names, stds = nuisances.names(len(problem.observation.views)), stands.nuisance_stds
+    names, stds = nuisances.names(problem.observation.scan_numbers), stands.nuisance_stds
     return tuple(
         NuisanceEstimate(names[k], float(problem.nuisances[k]), float(stds[k]), float(problem.nuisance_std[k]))
         for k in np.flatnonzero(problem.nuisance_std)

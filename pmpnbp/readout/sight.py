@@ -20,7 +20,7 @@ from pmpnbp.readout.placement import VISIBLE_TOLERANCE
 class Sight:
     """Of one part in the view that sees most of it, shares of the pixels that it would cover alone; they sum to 1.
 
-    view : number of the view; seen : as `unary.visible_fractions`; behind : by number of the part that hides it,
+    view : number of its scan; seen : as `unary.visible_fractions`; behind : by number of the part that hides it,
     largest first; in_front : something is measured in front that is not the object
     """
 
@@ -35,7 +35,7 @@ def sights(problem: Problem, part_poses: Array) -> list[Sight | None]:
     image, or has no surface."""
     found: list[Sight | None] = [None] * len(part_poses)
     rendered = renders(problem.observation, problem.surfaces, part_poses, problem.nuisances)
-    for place, (view, seen, depth, number) in enumerate(rendered):
+    for scan, (view, seen, depth, number) in zip(problem.observation.scan_numbers, rendered, strict=True):
         blocked = in_front(view.depth, depth, VISIBLE_TOLERANCE)
         for node in range(len(found)):
             alone = render_part(view.camera, problem.surfaces, node, seen[node]) > 0
@@ -45,7 +45,7 @@ def sights(problem: Problem, part_poses: Array) -> list[Sight | None]:
             nearest = number[alone & ~blocked]
             behind = np.bincount(nearest[nearest >= 0], minlength=len(found)) / covered
             sight = Sight(
-                view=place,
+                view=scan,
                 seen=float(behind[node]),
                 behind={
                     int(other): float(behind[other])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -99,11 +100,12 @@ class View:
 class Observation:
     """All that is known of a scene.
 
-    views : one per scan; the unary potential is the product over them
+    views : one per scan that shows something of the region; the unary potential is the product over them
     points, normals : (P, 3) float64, world, metres: the OBJECT pixels of all views with a normal
     planes : (K, 4) support planes n·x + d = 0 in world, n towards the cameras
     up : (3,) unit vector, world: the direction away from the ground, which `upright` priors refer to
     roi : (6,) x0 y0 z0 x1 y1 z1 in world, or None
+    showing : of each scan, whether there is a view of it; None: of every one
     """
 
     views: tuple[View, ...]
@@ -114,3 +116,21 @@ class Observation:
     roi: Array | None
     frame_id: str = "world"
     stamp: float | None = None
+    showing: tuple[bool, ...] | None = None
+
+    @property
+    def scan_count(self) -> int:
+        """How many scans there are."""
+        return len(self.views) if self.showing is None else len(self.showing)
+
+    @property
+    def scan_numbers(self) -> tuple[int, ...]:
+        """(V,) which of the scans each view is of, counted from 0."""
+        return tuple(number for number in range(self.scan_count) if self.showing is None or self.showing[number])
+
+    def by_scan(self, values: Iterable[float]) -> tuple[float | None, ...]:
+        """`values` (V,) of the views as one of each scan; None of one that shows nothing of the region."""
+        found: list[float | None] = [None] * self.scan_count
+        for number, value in zip(self.scan_numbers, values, strict=True):
+            found[number] = float(value)
+        return tuple(found)

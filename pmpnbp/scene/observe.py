@@ -109,6 +109,7 @@ def observe(
         roi,
         frame,
         max(stamps, default=None),
+        None if len(views) == len(scans) else tuple(image is not None for image in images),
     )
 
 

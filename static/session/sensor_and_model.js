@@ -9,12 +9,11 @@ export function sensorAndModel({ depth_noise: noise, depth_noise_area: areas, de
   const many = noise.length > 1;
   const view = (index) => (many ? `, view ${index}` : "");
   const together = (area) => (area > 1 ? `, ${area.toFixed(1)} pixels as one` : "");
-  const depths = noise.map((std, index) => [
-    `depth noise${view(index)}${together(areas[index])}`,
-    "–",
-    `± ${fineCentimetres(std)}`,
-    "",
-  ]);
+  const depths = noise.map((std, index) =>
+    std === null
+      ? [`depth noise${view(index)}`, "–", "nothing of the region in it", ""]
+      : [`depth noise${view(index)}${together(areas[index])}`, "–", `± ${fineCentimetres(std)}`, ""],
+  );
   const distortions = smooth.flatMap((std, index) =>
     std > 0 ? [[`depth distortion${view(index)}`, "–", `± ${fineCentimetres(std)}`, ""]] : [],
   );

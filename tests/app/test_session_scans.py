@@ -86,3 +86,35 @@ def test_an_older_servers_session_counts_an_id_once_that_was_given_twice(serve: 
     assert present_scans(first.app.state.sessions.session(id)._document)[0] == document["scan_ids"]
     changed = first.client.patch(path, json={"config": {"joint_draws": 3}})
     assert changed.status_code == 200, changed.text
+
+
+def test_a_scan_that_shows_nothing_of_the_region_keeps_its_number(client: httpx.Client, scan_id: str) -> None:
+    """And so do those after it: the estimate of view 1 was told as view 0's, and its picture was that of another."""
+    away = json.loads((small.CABINET / "open" / "camera.json").read_text())["T_world_camera"]
+    away[3] += 20.0
+    blind = upload(client, "open", T_world_camera=away)
+    path = small.create(client, scan_ids=[blind, scan_id], config=small.QUICK | {"depth_scale_std": 0.01})
+    alone = small.create(client, scan_id=scan_id, config=small.QUICK | {"depth_scale_std": 0.01})
+    (begun,) = client.get(f"{path}/trace").json()["iterations"]
+    assert begun["notes"] == ["view 0 shows nothing of the region of interest"]
+    for one in (path, alone):
+        small.step(client, one, 8)
+    found, own = (client.get(f"{one}/estimate?posterior=true").json() for one in (path, alone))
+    for name in ("depth_noise", "depth_noise_area", "depth_distortion"):
+        assert found[name] == [None, *own[name]]
+    assert ([*found["nuisances"]], [*own["nuisances"]]) == (["depth_scale/1"], ["depth_scale/0"])
+    picture = "beliefs/drawer1/particles/0/picture.png?view="
+    assert client.get(f"{path}/{picture}1").status_code == 200
+    problem(client.get(f"{path}/{picture}0"), 404, "shows nothing of the region of interest")
+    problem(client.get(f"{path}/{picture}2"), 404, "it has 0 to 1")
+    assert client.get(f"{path}/graph").json()["views"] == 2
+    sights = client.get(f"{path}/decision?max_std=1e-6").json()["sight"]
+    assert sights and {one["view"] for one in sights.values() if one} == {1}
+    # one that comes later says so, too, and changes nothing else
+    away[7] += 5.0
+    again = upload(client, "open", T_world_camera=away)
+    assert client.post(f"{path}/scans", json={"scan_id": again}).status_code == 200
+    small.step(client, path)
+    last = client.get(f"{path}/trace").json()["iterations"][-1]
+    assert last["notes"] == ["view 2 shows nothing of the region of interest"]
+    assert client.get(f"{path}/estimate").json()["depth_noise"] == [None, *own["depth_noise"], None]

@@ -133,7 +133,8 @@ def test_a_view_of_the_object_elsewhere_begins_the_search_again(found: tuple[str
 def test_a_view_that_the_object_is_not_in_says_nothing(found: tuple[str, Step]) -> None:
     method, before = found
     made = seeing(FIRST, (ROOT, JOINTS, AWAY), arrival=Arrival(before.iteration, 1), method=method)
-    assert run.advance(before.state, made)[1].notes == ()
+    # but that it says nothing
+    assert run.advance(before.state, made)[1].notes == ("view 1 shows nothing of the region of interest",)
 
 
 def test_what_a_view_shows_of_a_hidden_part_is_no_contradiction(found: tuple[str, Step]) -> None:
@@ -219,3 +220,8 @@ def test_the_last_views_are_asked_alone() -> None:
     assert (alone.score, alone.expected) == (whole.score, whole.expected)
     first = np.count_nonzero(whole.pixels[0][2])
     assert whole.confirmed == first + last.confirmed and last.confirmed > 0
+    # by the number of their scans, of which some show nothing
+    gaps = replace(both, observation=replace(both.observation, showing=(False, True, False, True)))
+    for number, wanted in ((1, whole), (2, last), (3, last)):
+        assert confirmation(by_last_views(gaps, number), ROOT, JOINTS).confirmed == wanted.confirmed
+    assert by_last_views(gaps, 4).observation.views == ()

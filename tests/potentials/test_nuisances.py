@@ -130,7 +130,7 @@ def observed(depth_scale: float, model: ArticulatedObject, at: Array) -> Observa
 
 def test_names_levers_and_priors_go_with_the_values() -> None:
     """A settings' `camera_std` moves the object by as much, shifted or turned, and never the first camera."""
-    names = nuisances.names(VIEWS)
+    names = nuisances.names(range(VIEWS))
     levers = nuisances.levers(np.array([1.5, 2.0]), np.array([0.3, 0.2, 0.2]))
     settings = replace(Settings(), depth_scale_std=0.01, camera_std=0.02, size_std=0.03)
     stds = nuisances.prior_stds(settings, levers, VIEWS)

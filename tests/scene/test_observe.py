@@ -124,6 +124,9 @@ def test_two_views_of_one_scene() -> None:
 def test_a_view_that_misses_the_roi_is_left_out() -> None:
     away = see(camera_at([1.8, 0.6, 1.2], [3.0, 3.0, 0.5]), [FLOOR, WALL, BOX])
     assert len(observe([SCAN, away], ROI).views) == 1
+    found = observe([away, SCAN, away, SCAN], ROI)
+    assert (found.scan_count, found.scan_numbers) == (4, (1, 3))
+    assert found.by_scan([0.5, 0.25]) == (None, 0.5, None, 0.25)
 
 
 def test_up() -> None:

@@ -6,19 +6,21 @@ import { sorted } from "../files/sorting.js";
 import { call, sessionPath } from "./api.js";
 import { state, update } from "./state.js";
 
-// Takes the files of an <input> in, one after the other; `mode` as the server has it. What is no scan is refused by a
-// sentence, and so is a depth image without a camera.
-export async function addFiles(input, mode) {
+// Sends the files of an <input> to the server, one after the other, and gives the scans that they have become. What is no
+// scan is refused by a sentence, and so is a depth image without a camera.
+export async function sendFiles(input) {
   const files = chosen(input);
   input.value = ""; // the same file can be chosen again
   const found = await sorted(files);
   const scans = found.uploads.filter(({ kind }) => kind === "scans");
   for (const [name, sentence] of found.refused) throw new Error(sentence ?? `'${name}' is no scan.`);
   if (!scans.length) throw new Error("There is no scan among these files: choose a depth image or a point cloud.");
-  for (const { file, camera } of scans) await add((await send(file, camera)).id, mode);
+  const sent = [];
+  for (const { file, camera } of scans) sent.push(await send(file, camera));
+  return sent;
 }
 
-// Lets the session go on with a scan of the server.
+// Lets the session go on with a scan of the server; `mode` as the server has it.
 export async function add(scan_id, mode) {
   const session = await call(`${sessionPath(state.id)}/scans`, { method: "POST", body: { scan_id, mode } });
   update({ session: { ...state.session, scan_ids: session.scan_ids } });

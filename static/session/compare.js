@@ -71,9 +71,13 @@ async function fetchOther() {
     update({ other: null });
     return;
   }
-  if (newestOther === null || other.iteration === null)
+  if (newestOther === null || other.iteration === null || other.iteration > newestOther)
     newestOther = (await call(sessionPath(other.session_id))).iteration;
   const iteration = other.iteration === null ? null : Math.min(other.iteration, newestOther);
+  if (iteration !== other.iteration) {
+    byId("compare-at").value = iteration; // also where it was just typed: what is shown stands there
+    changeView({ compare: { ...other, iteration } });
+  }
   update({ other: await call(`${sessionPath(other.session_id)}/estimate${iterationQuery(iteration)}`) });
 }
 
@@ -112,6 +116,9 @@ function show() {
     },
   );
   const joints = Object.keys(here.joints).filter((name) => other.joints[name]);
+  offer("compare-links", parts);
+  offer("compare-joints", joints);
+  byId("compare-nothing").hidden = parts.length + joints.length > 0;
   reconcile(byId("compare-joints"), "compare-joint-row", joints, String, (row, name) => {
     const [a, b] = [here.joints[name], other.joints[name]];
     const [heading, ownPosition, otherPosition, apart] = row.children;
@@ -120,6 +127,11 @@ function show() {
     setText(otherPosition, joint(b.type, b.position));
     setText(apart, Array.isArray(a.position) ? "–" : joint(a.type, Math.abs(a.position - b.position), 2));
   });
+}
+
+// A table without a row is not there.
+function offer(table, rows) {
+  byId(table).closest("table").hidden = !rows.length;
 }
 
 const FITS = { good: "found", doubtful: "doubtful", none: "not found" };

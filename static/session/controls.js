@@ -3,8 +3,10 @@
 import { call, Problem, sessionPath } from "./api.js";
 import { byId, setText } from "./dom.js";
 import { stateWord } from "./format.js";
-import { isRecording, iterates, newestIteration, state, subscribe, update } from "./state.js";
+import { isGone, isRecording, iterates, newestIteration, state, subscribe, update } from "./state.js";
 import * as timeline from "./timeline.js";
+
+let untilCertain = false; // whether the last that it was told is to go on until it is certain
 
 export function install() {
   byId("play").addEventListener("click", playOrPause);
@@ -19,23 +21,28 @@ export function install() {
     run({ iterations: Math.max(1, Number(byId("run-number").value) || 1) });
   });
   for (const until of ["certain", "converged"]) {
-    byId(`run-${until}`).addEventListener("click", () => {
+    byId(`run-${until}`).addEventListener("click", async () => {
       byId("run-menu").hidePopover();
-      run({ until });
+      await run({ until });
+      untilCertain = until === "certain";
+      show(); // at rest it may be that no event comes
     });
   }
-  byId("trouble-close").addEventListener("click", () => update({ trouble: "" }));
-  subscribe(["session", "rows", "lost", "trouble", "view"], show);
+  byId("trouble-close").addEventListener("click", () => {
+    untilCertain = false;
+    update({ trouble: "" });
+  });
+  subscribe(["session", "rows", "lost", "trouble", "view", "playback"], show);
 }
 
 export function playOrPause() {
-  if (isRecording()) return;
+  if (isRecording() || isGone()) return;
   if (iterates()) order("pause", {});
   else run({});
 }
 
 export function step() {
-  if (isRecording() || iterates()) return;
+  if (isRecording() || isGone() || iterates()) return;
   timeline.live();
   order("step", { iterations: 1 });
 }
@@ -43,10 +50,11 @@ export function step() {
 // What is shown follows from where it stands, at the timeline's speed.
 export function run(body) {
   timeline.follow(newestIteration());
-  order("run", body);
+  return order("run", body);
 }
 
 async function order(verb, body) {
+  untilCertain = false;
   try {
     // what came of it is told by the events, in order: the answer may come after a later state
     await call(`${sessionPath(state.id)}/${verb}`, { method: "POST", body });
@@ -74,7 +82,7 @@ function show() {
   setText(byId("progress-number"), going ? `${at} of ${session.iterations}` : `${at}`);
   byId("progress-bar").style.width = `${Math.min(100, (100 * at) / Math.max(1, total))}%`;
 
-  const fixed = isRecording() || here === "deleted";
+  const fixed = isRecording() || isGone();
   for (const id of ["play", "step", "run-open", "reset"]) byId(id).disabled = fixed || state.lost;
   byId("buttons").hidden = isRecording();
   byId("step").disabled ||= going;
@@ -88,8 +96,16 @@ function show() {
   const trouble = state.lost
     ? "The connection to the server is lost. This page tries again by itself, and comes back to where it was."
     : session.error || state.trouble || state.view.error;
-  byId("trouble").hidden = !trouble;
-  byId("trouble").dataset.kind = state.lost ? "lost" : "error";
+  const notice = trouble ? "" : whyNotCertain(session);
+  byId("trouble").hidden = !trouble && !notice;
+  byId("trouble").dataset.kind = state.lost ? "lost" : notice ? "notice" : "error";
   byId("trouble-close").hidden = state.lost || Boolean(session.error);
-  setText(byId("trouble-text"), trouble ?? "");
+  setText(byId("trouble-text"), trouble || notice);
+}
+
+// What is said where it was to go on until it is certain, and has come to rest without: no iteration changes that.
+function whyNotCertain({ converged, certain, fit }) {
+  if (!untilCertain || iterates() || state.playback || !converged || certain) return "";
+  const rest = "It is at rest and not certain, and more iterations will not make it so.";
+  return fit === "good" ? `${rest} “Where to look next” under Belief tells what another scan would bring.` : rest;
 }

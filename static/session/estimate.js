@@ -8,12 +8,23 @@ import { fineCentimetres, joint, largest, percent, plural } from "./format.js";
 import { intervalGauge, stdGauge } from "./gauges.js";
 import { choosePart } from "./graph.js";
 import { sensorAndModel } from "./sensor_and_model.js";
-import { colour, hasPosterior, onTheme, state, subscribe } from "./state.js";
+import {
+  colour,
+  hasPosterior,
+  isOutdated,
+  newestIteration,
+  onTheme,
+  shownIteration,
+  state,
+  subscribe,
+} from "./state.js";
 
 const tellUnknown = sentence("unknown");
+const tellOutdated = sentence("outdated");
 
 export function install() {
   subscribe(["estimate", "graph", "view"], show);
+  subscribe(["estimate", "view", "rows", "changes"], showOutdated);
   onTheme(show);
 }
 
@@ -36,6 +47,13 @@ function show() {
   byId("joints-title").hidden = !joints.length;
   reconcile(byId("joints"), "joint-row", joints, ([name]) => name, showJoint);
   showAlternatives(state.estimate);
+}
+
+// That scans or settings have changed is told while the newest iteration is looked at: of the others it is no news.
+function showOutdated() {
+  const shown = shownIteration();
+  const before = isOutdated() && shown === newestIteration() && shown > 0;
+  tellOutdated(before ? `This is of before the change: iteration ${shown} had other scans or settings.` : "");
 }
 
 // What all of it rests on.

@@ -10,6 +10,9 @@ const WIDTH = 348;
 const RADIUS = 11;
 const RING = 15;
 const AROUND = 2 * Math.PI * RING;
+// Between two rows of a deep tree a letter that is so far beside a node lies under no ring.
+const CLEAR = 12;
+const LETTER = 5.5; // the width of an edge's letters there
 
 const nodes = new Map();
 const edges = [];
@@ -74,7 +77,8 @@ function build() {
     const types = [...new Set(edge.joints.map((joint) => joint.type))].join(", ");
     const names = edge.joints.map((joint) => joint.name).join(", ");
     const label = `${types} joint ${names} between ${edge.parent} and ${edge.child}: show its messages`;
-    const at = { x: x1 + (x2 - x1) * 0.56 + (deep ? 8 : 0), y: y1 + (y2 - y1) * (deep ? 0.5 : 0.56) + 3.5 };
+    const at = deep ? wordPlace(x1, x2, types.length) : { x: x1 + (x2 - x1) * 0.56 };
+    at.y = y1 + (y2 - y1) * (deep ? 0.5 : 0.56) + 3.5;
     const place = pressed({ class: "edge", "aria-label": label }, () => chooseEdge(edge.parent, edge.child), [
       s("line", { class: "reach", x1, y1, x2, y2 }),
       s("line", { class: "wire", x1, y1, x2, y2 }),
@@ -102,6 +106,14 @@ function build() {
     nodes.set(part.name, { place, ring, disc, title, at, part });
     drawing.append(place);
   });
+}
+
+// Where an edge's word stands in a deep tree: right of the child, each in its own column, or left of one whose parent
+// would lie over it.
+function wordPlace(parent, child, letters) {
+  const room = parent - child - 2 * CLEAR;
+  if (parent <= child || room > letters * LETTER) return { x: child + CLEAR };
+  return { x: child - CLEAR, css: { "text-anchor": "end" } };
 }
 
 const shorter = (name, room) => (name.length <= room ? name : `${name.slice(0, Math.max(3, Math.floor(room) - 1))}…`);

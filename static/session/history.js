@@ -3,11 +3,11 @@
 
 import { call, iterationQuery, listen, Problem, sessionPath } from "./api.js";
 import { largest } from "./format.js";
-import { notify, rowAt, shownIteration, state, subscribe, update } from "./state.js";
+import { isGone, notify, rowAt, shownIteration, state, subscribe, update } from "./state.js";
 import { goToIteration } from "./view.js";
 
 const PACE = 200; // milliseconds between two estimates
-const AGAIN = 1500; // milliseconds to the next try where the server was not heard
+const AGAIN = 1500; // milliseconds to the next try where the server was not heard, or gave no estimate
 const EVERY = 1; // seconds between two lots of iterations, where the processor draws the page
 const KEPT = 40; // estimates
 const ROWS = 4000; // of the trace, at most: beyond it every second one is forgotten, so that a page can stay open for days
@@ -63,23 +63,28 @@ async function load() {
   update({ session, graph: state.graph, rows, recalled: null, changes: trace.changes ?? [], lost: false });
 }
 
+// Whether there is no such session any more, which is told, and ends all asking.
 async function sessionIsGone() {
+  if (isGone()) return true;
   try {
     await call(sessionPath(state.id));
     return false;
   } catch (error) {
     if (error.status !== 404) return false;
+    closeEvents?.();
     update({
       lost: false,
       trouble: "This session is not here any more.",
-      session: { ...state.session, state: "deleted" },
+      session: { ...state.session, state: "deleted", certain: false, fit: null },
     });
     return true;
   }
 }
 
-const report = (error) =>
-  error instanceof Problem && error.status === 0 ? update({ lost: true }) : update({ trouble: error.message });
+async function report(error) {
+  if (error instanceof Problem && error.status === 0) update({ lost: true });
+  else if (error.status !== 404 || !(await sessionIsGone())) update({ trouble: error.message });
+}
 
 // Without the graph parts are known by the trace alone.
 function graphOfTrace(row) {
@@ -192,7 +197,7 @@ let pause = null;
 let asking = false;
 // Have `state.estimate` be that of the iteration that is looked at, soon; not while nobody looks.
 export function refreshEstimate() {
-  if (pause || asking || document.hidden) return;
+  if (pause || asking || document.hidden || isGone()) return;
   const iteration = shownIteration();
   if (state.estimate?.iteration === iteration) return;
   const known = estimates.get(iteration);
@@ -201,15 +206,21 @@ export function refreshEstimate() {
     return;
   }
   asking = true;
+  let next = PACE;
   Promise.all([call(`${sessionPath(state.id)}/estimate${iterationQuery(iteration)}`), fetchForgotten(iteration)])
     .then(([estimate, row]) => keep(row ? { estimate, recalled: row } : { estimate }))
-    .catch((error) => (error.status === 0 ? update({ lost: true }) : null))
+    .catch((error) => {
+      next = AGAIN;
+      if (error.status === 0) update({ lost: true });
+      // an iteration may have gone with a reset, and comes again
+      else if (error.status === 404) return sessionIsGone();
+    })
     .finally(() => {
       asking = false;
       pause = setTimeout(() => {
         pause = null;
         refreshEstimate();
-      }, PACE);
+      }, next);
     });
 }
 

@@ -3,7 +3,7 @@
 
 import { byId, setText } from "./dom.js";
 import { readOutPosterior } from "./history.js";
-import { askedFor, goesOn, hasPosterior, rowAt, shownIteration, state, subscribe, update } from "./state.js";
+import { askedFor, goesOn, hasPosterior, isGone, rowAt, shownIteration, state, subscribe, update } from "./state.js";
 import { hold } from "./timeline.js";
 
 let underway = false;
@@ -34,7 +34,7 @@ function show() {
   const lacks = estimate !== null && !hasPosterior(estimate);
   const searching = row?.phase === "searching";
   byId("how-sure").hidden = !lacks || searching || row === null;
-  byId("how-sure").disabled = underway;
+  byId("how-sure").disabled = underway || isGone();
   setText(byId("how-sure"), underway ? "Reading it out…" : "How sure?");
   setText(byId("how-sure-text"), told(estimate, lacks, searching));
   byId("how-sure-text").hidden = !byId("how-sure-text").textContent;

@@ -12,7 +12,7 @@ import { live, move, playback } from "./timeline.js";
 const TAKES_ALL = "input, select, textarea, [contenteditable]";
 const TAKES_SPACE = "button, summary, a, [role=button], [role=tab]";
 const TAKES_ARROWS = "[role=tab]";
-const OF_THE_SCENE = [" ", "l", "?", "f", "c", "t"];
+const OF_THE_SCENE = [" ", "l", "?", "f", "c", "t", "escape"];
 
 export function install() {
   document.addEventListener("keydown", press);
@@ -32,6 +32,7 @@ function press(event) {
   // a dialog that was just closed may still have the focus
   const target = event.target.closest?.("dialog:not([open])") ? document.body : event.target;
   if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
+  if (event.key === "Escape" && setup.isOpen()) setup.close(); // also from a field
   const slides = target.matches?.("input[type=range]");
   if (!slides && target.matches?.(TAKES_ALL)) {
     if (!(target.type === "checkbox" && event.key !== " ")) return;

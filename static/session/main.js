@@ -33,6 +33,7 @@ import {
   newestIteration,
   oldestIteration,
   onTheme,
+  shownIteration,
   state,
   subscribe,
   theme,
@@ -55,6 +56,7 @@ async function begin() {
   const { search } = location; // it is another once the page keeps it
   const first = share.viewOfLink(search);
   const watched = fromStart.asked(search);
+  const playsOn = !watched && first.iteration === undefined && timeline.played();
   controls.install();
   await untilAnswered(declareView);
   if (watched) Object.assign(state, { playback: true, view: { ...state.view, iteration: 0 } }); // not the end before it
@@ -68,9 +70,10 @@ async function begin() {
   if (!(await loadSession())) return;
   const start = watched ? { iteration: oldestIteration() } : {};
   await openView({ ...start, ...first, economy: sceneFrame.sparing }, sceneFrame.opened);
+  if (playsOn) timeline.follow(shownIteration());
   if (awaited) sceneFrame.begin(); // what it loaded before was no 3D view
   subscribe(["rows", "view", "lost"], refreshEstimate);
-  subscribe(["view", "tab"], keepAddress);
+  subscribe(["view", "tab", "playback"], keepAddress);
   onTheme(() => changeView({ theme: theme() }));
   document.addEventListener("visibilitychange", () => {
     changeView({ hidden: document.hidden });
@@ -129,9 +132,11 @@ async function untilAnswered(ask) {
 }
 
 let addressTimer = null;
+// Also while what is shown changes without a pause.
 function keepAddress() {
-  clearTimeout(addressTimer);
+  if (addressTimer) return;
   addressTimer = setTimeout(() => {
+    addressTimer = null;
     const given = share.linkParameters();
     const asked = new URLSearchParams(location.search);
     for (const name of ["view", "economy"]) if (asked.has(name)) given.set(name, asked.get(name));

@@ -6,7 +6,7 @@ import { call, sessionPath } from "./api.js";
 import { startDerivedSession } from "./derived_session.js";
 import { button, byId, h, setText } from "./dom.js";
 import { exact, methodWord, unitRead } from "./format.js";
-import { isRecording, state, subscribe, update } from "./state.js";
+import { isGone, isRecording, state, subscribe, update } from "./state.js";
 
 // Where a stage's settings begin, by the first one's name; the server lists them in the order of the stages.
 const STAGES = {
@@ -108,8 +108,8 @@ function show() {
   const paper = config.preset === "paper";
   byId("preset-robust").setAttribute("aria-pressed", String(!paper));
   byId("preset-paper").setAttribute("aria-pressed", String(paper));
-  const fixed = isRecording();
-  byId("settings-fixed").hidden = !fixed;
+  const fixed = isRecording() || isGone();
+  byId("settings-fixed").hidden = !isRecording();
   for (const preset of ["robust", "paper"]) byId(`preset-${preset}`).disabled = fixed;
   for (const { entry, input, number, reset, place } of rows.values()) {
     const value = config[entry.name] ?? (paper ? entry.paper : entry.default);
@@ -123,7 +123,7 @@ function show() {
     reset.disabled = !changed || fixed;
   }
   fillAnew(session.method ?? "pmpnbp", session.particles ?? "");
-  byId("anew-start").disabled = fixed;
+  byId("anew-start").disabled = isRecording();
 }
 
 // What a reader has chosen for a new session stays, whatever else this one does meanwhile.

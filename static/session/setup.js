@@ -2,11 +2,11 @@
 // as boxes to choose from, in a list and in the 3D view, where the chosen one can be drawn anew by its corners. The model
 // can be laid into the scan, too, as a prior. Then the session begins anew with that, and runs until it is at rest.
 
-import { addFiles } from "./add_files.js";
+import { add, sendFiles } from "./add_files.js";
 import { call, sessionPath } from "./api.js";
 import { byId, h, sentence, setContent, setText } from "./dom.js";
 import { sessionId } from "./scene_frame.js";
-import { isRecording, state, subscribe, update } from "./state.js";
+import { isGone, isRecording, state, subscribe, update } from "./state.js";
 import { follow } from "./timeline.js";
 import { changeView } from "./view.js";
 
@@ -35,7 +35,7 @@ export function install() {
 }
 
 export const isOpen = () => !byId("setup").hidden;
-export const canOpen = () => !isRecording() && !isOpen() && state.session?.state !== "running";
+export const canOpen = () => !isRecording() && !isGone() && !isOpen() && state.session?.state !== "running";
 
 async function open() {
   if (isOpen()) return;
@@ -54,9 +54,11 @@ export async function drawBox() {
   changeView({ show: { region: true } });
 }
 
-function close() {
+export function close() {
   byId("setup").hidden = true;
   changeView({ proposals: [], show: { ...before, region: false, prior: false } });
+  show();
+  byId("setup-open").focus({ preventScroll: true });
 }
 
 // Asks for what stands there, once for the same scans; the likest is chosen where the session has no region of its own.
@@ -89,7 +91,7 @@ function offer() {
 async function addView(input) {
   wrong("");
   try {
-    await addFiles(input, "joins");
+    for (const { id } of await sendFiles(input)) await add(id, "joins");
     await propose();
   } catch (problem) {
     wrong(problem.message);
@@ -116,7 +118,7 @@ function show() {
   setContent(byId("setup-choices"), choices);
   byId("setup-draw").hidden = !everything;
   byId("setup-hint").hidden = everything;
-  byId("setup-numbers").hidden = everything;
+  for (const id of ["setup-numbers", "setup-box-hint"]) byId(id).hidden = everything;
   byId("setup-prior").checked = Boolean(state.view.show.prior);
   byId("setup-prior-hint").hidden = !state.view.show.prior;
 }

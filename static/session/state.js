@@ -61,11 +61,14 @@ function notifyListeners() {
 
 export const iterates = () => ["running", "waiting"].includes(state.session?.state);
 export const isRecording = () => state.session?.kind === "recording";
+export const isGone = () => state.session?.state === "deleted";
 export const newestIteration = () => state.rows.at(-1)?.iteration ?? state.session?.iteration ?? 0;
 export const oldestIteration = () => state.rows[0]?.iteration ?? 0;
 export const isLive = () => state.view.iteration === null;
 // Whether another iteration comes to be looked at by itself.
 export const goesOn = () => state.playback || (isLive() && state.session?.state === "running");
+// Whether settings or scans have changed since the newest iteration, which what is known of it does not take in.
+export const isOutdated = () => state.changes.some((change) => change.after_iteration >= newestIteration());
 export const shownIteration = () => (isLive() ? newestIteration() : Math.min(state.view.iteration, newestIteration()));
 export const maxStd = () => state.session?.max_std ?? null;
 

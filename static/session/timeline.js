@@ -4,6 +4,7 @@
 import { byId, reconcile, setText } from "./dom.js";
 import {
   colour,
+  isGone,
   isLive,
   isRecording,
   iterates,
@@ -20,6 +21,10 @@ const PATIENCE = 1000; // milliseconds for which nothing more comes before it is
 
 let timer = null;
 
+// Whether what this tab showed went on by itself when its page was left: loaded again, it does so again.
+export const played = () => sessionStorage.getItem(key()) !== null;
+const key = () => `plays ${state.id}`;
+
 export function install() {
   byId("slider").addEventListener("input", (event) => {
     stop();
@@ -28,7 +33,11 @@ export function install() {
   byId("live").addEventListener("click", live);
   byId("playback").addEventListener("click", playback);
   byId("speed").addEventListener("change", () => state.playback && start());
-  subscribe(["rows", "view", "playback"], show);
+  subscribe(["playback"], () => {
+    if (state.playback) sessionStorage.setItem(key(), "");
+    else sessionStorage.removeItem(key());
+  });
+  subscribe(["rows", "view", "playback", "session"], show);
   subscribe(["rows", "changes", "graph", "session"], showMarks);
 }
 
@@ -93,7 +102,8 @@ function show() {
   slider.setAttribute("aria-valuetext", `iteration ${at} of ${last}${isLive() ? ", live" : ""}`);
   slider.style.setProperty("--share", last > first ? (at - first) / (last - first) : 0);
   setText(byId("shown"), `${String(at).padStart(String(last).length, "\u2007")} / ${last}`);
-  byId("live").setAttribute("aria-pressed", String(isLive()));
+  byId("live").setAttribute("aria-pressed", String(isLive() && !isGone()));
+  byId("live").disabled = isGone();
   setText(byId("live").lastChild, isRecording() ? "Newest" : "Live");
   byId("playback").setAttribute("aria-label", state.playback ? "Stop playing back" : "Play back");
   byId("playback").dataset.going = String(state.playback);

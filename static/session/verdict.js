@@ -8,6 +8,8 @@ import { jointEnds, named, percent } from "./format.js";
 import * as setup from "./setup.js";
 import {
   isLive,
+  isOutdated,
+  isRecording,
   iterates,
   newestIteration,
   partNamed,
@@ -30,7 +32,7 @@ let asked = null; // the newest estimate, where another iteration is looked at
 export function install() {
   byId("draw-box").addEventListener("click", setup.drawBox);
   const ask = throttled(fetchNewest, newestIteration);
-  subscribe(["session", "rows", "view", "estimate", "graph"], () => {
+  subscribe(["session", "rows", "view", "estimate", "graph", "changes"], () => {
     if (state.session?.fit === "good" && !isLive() && !state.playback && !newest()) ask();
     show();
   });
@@ -61,12 +63,16 @@ const capital = (word) => word[0].toUpperCase() + word.slice(1);
 
 // What it comes to in a word, and why.
 function sentence({ state: here, phase, fit, fit_reason: reason, certain }) {
-  if (here === "deleted") return ["", "Nothing is known of it"];
+  if (here === "deleted")
+    return ["", state.rows.length ? "What is shown is the last that was heard of it" : "Nothing is known of it"];
   if (fit === "none") return ["Not found:", `${reason}.`];
   if (fit === "doubtful") return ["Doubtful:", `${reason}.`];
   if (fit !== "good") {
     if (iterates()) return ["", capital(phase)];
-    return ["", newestIteration() === 0 ? "Not begun yet" : "Not at rest yet"];
+    const newest = newestIteration();
+    if (newest === 0) return ["", "Not begun yet"];
+    const changed = `Scans or settings have changed since iteration ${newest}: run it to take them in.`;
+    return ["", isOutdated() && !isRecording() ? changed : "Not at rest yet"];
   }
   const estimate = newest();
   const explained = estimate?.explained ?? null;

@@ -2,7 +2,7 @@
 // changed at once, sent one change after the other, and followed by events.
 
 import { call, listen, sessionPath } from "./api.js";
-import { notify, state, theme, update } from "./state.js";
+import { isGone, notify, state, subscribe, theme, update } from "./state.js";
 
 let declared = {}; // the members of a view's state, as a JSON schema
 let queued = {};
@@ -50,6 +50,7 @@ export async function openView(first, opened) {
       },
     },
   );
+  subscribe(["session"], () => isGone() && closeEvents());
 }
 
 function sendAll() {
@@ -69,7 +70,7 @@ export function changeView(members) {
 export const goToIteration = (iteration) => changeView({ iteration, particle: null });
 
 async function send() {
-  if (sent || !Object.keys(queued).length) return;
+  if (sent || isGone() || !Object.keys(queued).length) return;
   sent = queued;
   queued = {};
   try {

@@ -245,6 +245,13 @@ def test_what_was_asked_for_goes_with_a_reset(page: Page, served: Served) -> Non
     expect(page.locator("#blocked li")).to_have_count(4)
     page.locator("#pair summary").click()
     expect(page.locator("#pair-canvas")).to_have_attribute("aria-label", re.compile(r"^\d+ draws of the posterior"))
+    # more of the same would not make it certain, and where to turn to is told
+    page.get_by_role("button", name="Run…").click()
+    page.get_by_role("button", name="Run until certain").click()
+    notice = page.get_by_role("alert").filter(has_text="It is at rest and not certain")
+    expect(notice).to_contain_text("“Where to look next” under Belief")
+    notice.get_by_role("button", name="Close").click()
+    expect(notice).to_be_hidden()
     served.client.post(f"{session}/reset").raise_for_status()
     expect(page.locator("#next-views")).to_be_hidden()
     expect(page.locator("#pair")).to_be_hidden()

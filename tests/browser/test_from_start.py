@@ -26,6 +26,15 @@ NOTE = """() => {
   noted.observe(document.getElementById("shown"), { childList: true, characterData: true, subtree: true });
 }"""
 
+# From now on `addressChanged` is what was shown when the address first named no iteration
+NOTE_ADDRESS = """() => {
+  const replace = history.replaceState;
+  history.replaceState = (...given) => {
+    if (!given[2].includes("iteration")) window.addressChanged ??= document.getElementById("slider").value;
+    replace.apply(history, given);
+  };
+}"""
+
 
 def live(page: Page) -> None:
     expect(page.get_by_role("button", name="Live")).to_have_attribute("aria-pressed", "true")
@@ -87,7 +96,26 @@ def test_run_is_followed_at_a_pace_that_can_be_watched(page: Page, served: Serve
 def test_who_chose_an_iteration_stays_there(page: Page, served: Served) -> None:
     session = small.after(served.client, 6, name="held", iterations=12)
     opened(page, served, session, "?play")
+    page.get_by_label("Speed of playing back").select_option("2")
+    wait(page, lambda: page.get_by_role("slider", name="Iteration").input_value() != "0")
+    # loaded again it goes on by itself, from where it was
+    page.reload()
+    page.locator("body[data-ready]").wait_for()
+    expect(page.get_by_role("button", name="Stop playing back")).to_be_visible()
+    live(page)
+    assert "iteration" not in page.url
     page.get_by_role("slider", name="Iteration").fill("3")
     expect(page.get_by_role("button", name="Play back", exact=True)).to_be_visible()
     small.step(served.client, session, 1)
     expect(page.locator("#shown")).to_have_text(re.compile("3 / 7"))
+    page.wait_for_url("**?iteration=3")
+    page.reload()
+    page.locator("body[data-ready]").wait_for()
+    expect(page.locator("#shown")).to_have_text(re.compile("3 / 7"))
+    button = page.get_by_role("button", name="Play back", exact=True)
+    expect(button).to_be_visible()
+    # played on from there, the address names it no longer
+    page.evaluate(NOTE_ADDRESS)
+    button.click()
+    page.wait_for_url(lambda url: "iteration" not in url)
+    assert int(page.evaluate("window.addressChanged")) < 7  # while it plays

@@ -26,6 +26,10 @@ NOTE_LABELS = """(button) => {
   }).observe(button, { attributeFilter: ["aria-label"] });
 }"""
 
+# Forms and controls of the page's file, not of a script, that a browser keeps for when somebody comes back
+KEPT = ":is(form:not([method=dialog]), input:not(form *), select:not(form *)):not([autocomplete=off])"
+KEPT += ":not(#layer-groups *, #settings-groups *, .region-numbers *)"
+
 
 @pytest.fixture
 def session(served: Served) -> str:
@@ -113,6 +117,13 @@ def test_it_is_played_back(page: Page, served: Served, session: str) -> None:
     button.click()
     wait(page, lambda: page.evaluate("window.labels.slice(-2)") == ["Stop playing back", "Play back"])
     expect(page.locator("#shown")).to_have_text(re.compile("6 / 6"))
+    # the browser's Back fills no control with what stood in one, this or another
+    page.goto("about:blank")
+    page.go_back()
+    page.locator("body[data-ready]").wait_for()
+    expect(page.get_by_label("Speed of playing back")).to_have_value("5")
+    assert page.locator("#compare-at").input_value() == ""
+    assert page.locator(KEPT).count() == 0
 
 
 def test_keys(page: Page, served: Served, session: str) -> None:
@@ -191,6 +202,26 @@ def test_a_session_that_is_not_there(page: Page, served: Served, troubles: Troub
     expect(page.get_by_role("link", name="All sessions")).to_be_visible()
 
 
+def test_a_session_that_is_deleted_is_asked_for_no_more(
+    page: Page, served: Served, session: str, troubles: Troubles
+) -> None:
+    opened(page, served, session)
+    expect(page.get_by_role("button", name="Set up")).to_be_visible()
+    troubles.expect("404")
+    served.client.delete(session).raise_for_status()
+    expect(page.get_by_role("alert").first).to_have_text(re.compile("This session is not here any more."))
+    expect(page.locator("#verdict-rest")).to_have_text("What is shown is the last that was heard of it")
+    for name in ("Run", "Step", "Reset", "Live"):
+        expect(page.get_by_role("button", name=name, exact=True)).to_be_disabled()
+    expect(page.get_by_role("button", name="Set up")).to_be_hidden()
+    expect(tab(page, "Settings").get_by_label("tolerance end")).to_be_disabled()
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.get_by_role("slider", name="Iteration").fill("2")
+    page.wait_for_timeout(3000)  # longer than it takes to try anything again
+    assert [url for url in asked if "/api/" in url] == []
+
+
 def test_a_lost_connection_comes_back(page: Page, served: Served, session: str, troubles: Troubles) -> None:
     opened(page, served, session, "?iteration=3&part=drawer2")
     expect(page.locator("#shown")).to_have_text(re.compile("3 / 6"))
@@ -198,6 +229,11 @@ def test_a_lost_connection_comes_back(page: Page, served: Served, session: str, 
     page.context.set_offline(True)
     page.keyboard.press("s")
     expect(page.locator("#trouble")).to_contain_text("The connection to the server is lost")
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.get_by_role("slider", name="Iteration").fill("5")
+    page.wait_for_timeout(2500)
+    assert 1 <= sum("/estimate?iteration=5" in url for url in asked) <= 2  # in no hurry
     page.context.set_offline(False)
     expect(page.locator("#trouble")).to_be_hidden()
 
@@ -213,6 +249,9 @@ def test_a_phone_shows_it_all_in_one_column(
     assert len(found) == 5
     for above, below in itertools.pairwise(found):
         assert above["y"] + above["height"] <= below["y"] + 1
+    split, run, more = (page.locator(place).bounding_box() for place in (".split", "#play", "#run-open"))
+    assert split and run and more and run["width"] + more["width"] == pytest.approx(split["width"], abs=2)
+    assert more["width"] < run["width"] / 2
     assert found[1]["height"] == pytest.approx(0.48 * PHONE["height"], abs=2)
     for name in ("Why", "Layers", "Settings", "Compare", "Share"):
         tab(page, name)

@@ -15,6 +15,24 @@ from tests.servers import Served
 
 expect.set_options(timeout=PATIENCE)
 
+# The page then has another graph: two chains, with branches to either side of the first node.
+DEEP_GRAPH = """async () => {
+  const loaded = performance.getEntriesByType("resource").find(({ name }) => name.endsWith("/session/state.js"));
+  const { update } = await import(loaded.name);
+  const names = ["a", "b", "c", "d", "e", "f", "g", "h", "i"];
+  const edge = (parent, child) => ({ parent, child, joints: [{ name: child, type: "continuous" }] });
+  const pairs = [["a", "b"], ["b", "c"], ["c", "d"], ["d", "e"], ["a", "f"], ["f", "g"], ["a", "h"], ["h", "i"]];
+  const parts = names.map((name) => ({ name, links: [name], colour: null, colour_dark: null }));
+  update({ graph: { parts, edges: pairs.map((pair) => edge(...pair)), views: 1, truth: false } });
+}"""
+
+
+# Of texts in the graph: left, top, right, bottom, without what is drawn around the letters
+BOXES = """(texts) => texts.map((text) => {
+  const { x, y, width, height } = text.getBBox();
+  return [x, y, x + width, y + height];
+})"""
+
 
 @pytest.fixture
 def session(served: Served) -> str:
@@ -40,6 +58,20 @@ def test_the_graph_opens_a_belief(page: Page, served: Served, session: str) -> N
     wait(page, lambda: view(page, served)["part"] == "drawer2")
     page.get_by_role("button", name="Back to all parts").click()
     expect(page.locator("#part-rows tr")).to_have_count(4)
+    # in a deep tree no edge's word lies under a node's ring
+    page.evaluate(DEEP_GRAPH)
+    expect(page.locator(".edge-label")).to_have_count(8)
+    words = page.locator(".edge-label").evaluate_all(BOXES)
+    rings = page.locator(".rail").evaluate_all(BOXES)
+    for one in words:
+        for left, top, right, bottom in rings:
+            middle, radius = ((left + right) / 2, (top + bottom) / 2), (right - left) / 2
+            near = np.clip(middle, one[:2], one[2:])
+            assert np.linalg.norm(near - np.array(middle)) >= radius
+        assert (
+            sum(one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3] for other in words)
+            == 1
+        )
 
 
 def test_an_edge_opens_its_two_messages(page: Page, served: Served, session: str) -> None:
@@ -250,6 +282,20 @@ def test_compare_with_another_session(page: Page, served: Served, session: str) 
     panel.get_by_role("switch", name="follow this timeline").check()
     page.get_by_role("slider", name="Iteration").fill("2")
     expect(panel.locator("#compare-what")).to_have_text("Iteration 2 here, iteration 2 there")
+    panel.get_by_role("switch", name="follow this timeline").uncheck()
+    # beyond the other's newest iteration that one is shown, and stands in the field
+    panel.get_by_label("at iteration").fill("500")
+    panel.get_by_label("at iteration").press("Enter")
+    expect(panel.locator("#compare-what")).to_have_text("Iteration 2 here, iteration 4 there")
+    expect(panel.get_by_label("at iteration")).to_have_value("4")
+    wait(page, lambda: view(page, served)["compare"]["iteration"] == 4)
+    # as of another model
+    strange = its | {"iteration": 1, "links": {}, "joints": {}}
+    page.route(f"**{other}/estimate?iteration=1", lambda route: route.fulfill(json=strange))
+    panel.get_by_label("at iteration").fill("1")
+    panel.get_by_label("at iteration").press("Enter")
+    expect(panel.get_by_text("No link and no joint of the two has the same name")).to_be_visible()
+    expect(panel.get_by_role("table")).to_have_count(0)
     panel.get_by_role("button", name="Stop comparing").click()
     wait(page, lambda: view(page, served)["compare"] is None)
 

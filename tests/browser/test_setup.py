@@ -64,8 +64,10 @@ def test_a_box_is_drawn_by_hand_and_the_model_is_laid_into_it(page: Page, served
     panel = page.locator("#setup")
     panel.get_by_role("button", name="anywhere in the scan").click()
     expect(panel.get_by_role("button", name="anywhere in the scan")).to_have_attribute("aria-pressed", "true")
-    panel.get_by_role("button", name="Draw a box by hand").click()
     panel.get_by_text("Advanced").click()
+    expect(panel.get_by_text("The box in world.")).to_be_hidden()
+    panel.get_by_role("button", name="Draw a box by hand").click()
+    expect(panel.get_by_text("The box in world.")).to_be_visible()
     panel.get_by_label("largest z of the region").fill("80")
     panel.get_by_label("largest z of the region").press("Tab")
     own = panel.get_by_role("button", name="my own box")
@@ -85,6 +87,10 @@ def test_a_box_is_drawn_by_hand_and_the_model_is_laid_into_it(page: Page, served
     expect(panel.get_by_role("button", name="this session’s box")).to_have_attribute("aria-pressed", "true")
     page.get_by_role("button", name="Close without running").click()
     expect(panel).to_be_hidden()
+    page.get_by_role("button", name="Set up").click()
+    panel.get_by_label("seed").press("Escape")
+    expect(panel).to_be_hidden()
+    expect(page.get_by_role("button", name="Set up")).to_be_focused()
     assert served.client.get(session).json()["roi"] == found["roi"]
 
 

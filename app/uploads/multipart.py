@@ -122,7 +122,7 @@ class _Form:
         if self._path is None:
             raise HttpProblem(422, "the form has no part 'file'; expected the file to upload")
         if not self._size:
-            raise HttpProblem(422, "the form's part 'file' is empty")
+            raise HttpProblem(422, f"the file '{self._file_name or ''}' is empty")
         await self._write()
         return Upload(self._path, self._file_name or "", self._hash.hexdigest(), self._fields)
 

@@ -118,8 +118,7 @@ def _places(posterior: Posterior, coordinate: int, wraps: NDArray[np.bool_], mos
 
 def _position(value: float, turns: bool, span: float) -> str:
     """In whole degrees or centimetres, or as many digits more as tell places in a range `span` apart."""
-    if turns:
-        value, span = float(np.degrees(value)), float(np.degrees(span))
-    digits = max(int(np.ceil(-np.log10(span))) + 1, 0 if turns else 2)
-    rounded = round(float(value), digits) + 0.0  # no minus zero
-    return f"{rounded:.{digits}f}°" if turns else f"{rounded:.{digits}f} m"
+    each, unit = (np.degrees(1.0), "°") if turns else (100.0, " cm")
+    digits = max(int(np.ceil(-np.log10(span * each))) + 1, 0)
+    rounded = round(float(value * each), digits) + 0.0  # no minus zero
+    return f"{rounded:.{digits}f}{unit}"

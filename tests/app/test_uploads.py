@@ -162,7 +162,7 @@ UNREADABLE = [
     ("scans", "a.stl", b"solid", "has the suffix '.stl'; expected one of .png"),
     ("scans", "", b"solid", "expected one of .png"),
     ("recordings", "a.sqlite", b"SQLite format 3\0 but not really", "is not a recording"),
-    ("scans", "a.npy", b"", "the form's part 'file' is empty"),
+    ("scans", "a.npy", b"", "the file 'a.npy' is empty"),
 ]
 
 

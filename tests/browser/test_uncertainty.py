@@ -321,13 +321,13 @@ def test_what_the_scan_does_not_tell_is_said(page: Page, served: Served, certain
 
     def altered(route: Route) -> None:
         answer = route.fetch()
-        sentences = ["joint 'slide1' may be anywhere from 0.01 m to 0.24 m", "'frame' is round"]
+        sentences = ["joint 'slide1' may be anywhere from 1 cm to 24 cm", "'frame' is round"]
         route.fulfill(response=answer, json=answer.json() | {"unknown": sentences})
 
     page.route(f"**{certain}/estimate?*", altered)
     page.reload()
     expect(page.locator("#unknown")).to_have_text(
-        "Not told by the scan: joint 'slide1' may be anywhere from 0.01 m to 0.24 m. "
+        "Not told by the scan: joint 'slide1' may be anywhere from 1 cm to 24 cm. "
         "Not told by the scan: 'frame' is round."
     )
 

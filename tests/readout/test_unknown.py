@@ -70,7 +70,7 @@ def test_a_drawer_that_cannot_be_seen_is_named_with_where_it_may_be() -> None:
     front, back = at(1.4, 0.0, 0.0, yaw=np.pi - 0.35), at(1.4, 0.0, 0.0, yaw=0.05)
     assert told_of(model, front, np.array([0.05])) == ()
     (sentence,) = told_of(model, back, np.array([0.05]), eye=0.3)
-    assert sentence.startswith("joint 'slide' may be anywhere from 0.0") and sentence.endswith(" m")
+    assert re.fullmatch(r"joint 'slide' may be anywhere from \d cm to \d\d cm", sentence)
     # what a prior leaves is not all that the joint may go over
     loose, known = np.full(3, 0.1), {"slide": (0.05, 1e-4)}
     assert told_of(model, back, np.array([0.05]), 0.3, GaussianPrior("link0", back, loose, loose, known)) == ()
@@ -90,9 +90,9 @@ def test_places_of_a_joint_that_hardly_moves_are_told_apart() -> None:
         [slide], {"link0": block([0.3, 0.4, 0.4], at(z=0.2)), "link1": block([0.2, 0.3, 0.2], at(-0.1))}
     )
     (sentence,) = told_of(model, at(1.4, 0.0, 0.0, yaw=0.05), np.array([0.0005]), eye=0.3)
-    low, high = sentence.removeprefix("joint 'slide' may be anywhere from ").removesuffix(" m").split(" m to ")
-    assert len(low) == len(high) == len("0.0001")
-    assert 0 <= float(low) < 0.0002 and 0.0008 < float(high) <= 0.001
+    low, high = sentence.removeprefix("joint 'slide' may be anywhere from ").removesuffix(" cm").split(" cm to ")
+    assert len(low) == len(high) == len("0.01")
+    assert 0 <= float(low) < 0.02 and 0.08 < float(high) <= 0.1
 
 
 def test_a_round_foot_may_be_turned_and_its_first_joint_with_it() -> None:

@@ -73,6 +73,7 @@ async function fetchOther() {
   }
   if (newestOther === null || other.iteration === null || other.iteration > newestOther)
     newestOther = (await call(sessionPath(other.session_id))).iteration;
+  if (state.view.compare?.session_id !== other.session_id) return; // it was stopped meanwhile
   const iteration = other.iteration === null ? null : Math.min(other.iteration, newestOther);
   if (iteration !== other.iteration) {
     byId("compare-at").value = iteration; // also where it was just typed: what is shown stands there

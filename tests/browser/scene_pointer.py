@@ -68,7 +68,9 @@ def look_from_eye(page: Page, served: Served, **members: Any) -> NDArray[np.uint
     page.frame_locator("#scene").locator("canvas").first.wait_for()
     change(page, served, {"camera": EYE, **members})
     for _ in range(PATIENCE // 50):
-        if view(page, served)["drawn"] is not None:
+        looked = view(page, served)
+        # what was drawn before the view was told may stand still for a while
+        if looked["drawn"] is not None and (looked["show"]["particles"] or not looked["drawn"]["particles"]):
             return settled(page)
         page.wait_for_timeout(50)
     raise AssertionError("nothing is drawn")

@@ -37,7 +37,7 @@ from pmpnbp.readout.denied_parts import drawn_anew, without
 from pmpnbp.readout.fit import Fit, assess
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.object_posterior import ModeDraws, draws_or_better, misfit, mode_draws
-from pmpnbp.readout.places import Place, contenders, least_reach, mode_reach, strayed
+from pmpnbp.readout.places import POLISH_ROUNDS, Place, contenders, least_reach, mode_reach, strayed
 from pmpnbp.readout.posterior import Centre, ObjectMode, Posterior
 from pmpnbp.scene.prior import GaussianPrior
 
@@ -156,7 +156,10 @@ def _told(
     drawn_in = problem
     if denied and 0 not in denied:
         drawn_in = without(problem, denied)
-        draws = mode_draws(rng, drawn_in, places[told].root, places[told].joints, checkpoint)
+        # at its best without them: it leans to where they were found
+        best, plan = (places[told].root[None], places[told].joints[None]), problem.schedule(iteration)
+        roots, others, _ = polish(rng, drawn_in, *best, plan, problem.tolerance_end, POLISH_ROUNDS)
+        draws = mode_draws(rng, drawn_in, roots[0], others[0], checkpoint)
         places[told] = replace(places[told], draws=draws)
     place, found = places[told], [places[k].draws for k in order]
     if fit.verdict == "good" and (others := sum(places[k].apart for k in order)):

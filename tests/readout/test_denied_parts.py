@@ -87,7 +87,8 @@ def test_a_board_does_not_draw_the_rest_of_the_object_after_it() -> None:
         roots, log_weights = (np.concatenate(each) for each in zip(*drawn, strict=True))
         mean = poses.mean(roots, np.exp(log_weights) / len(drawn))
         off.append(float(poses.rotation_angle(mean[3:], ROOT[3:])))
-    assert off[0] < 0.5 * off[1], off
+    # of forty sets together 0.13 of it; before what is told was brought to its best without the drawer, 0.5
+    assert off[0] < 0.35 * off[1], off
 
 
 def test_what_is_left_out_is_not_rendered_and_the_rest_as_it_was() -> None:

@@ -10,6 +10,8 @@ import { onChange, openNew, SETUP, stored } from "./stored.js";
 
 const NUMBERS = ["particles", "iterations", "seed"];
 
+let defaults = null; // the options' own, on their way
+
 const region = () => [...byId("region").querySelectorAll("input")];
 const chosen = () => [...byId("scan-choices").querySelectorAll("input:checked")].map((box) => box.value);
 const priorKind = () => byId("create").elements.prior.value;
@@ -27,8 +29,8 @@ export async function fillForm() {
     const [file] = event.target.files;
     if (file) setPrior(await file.text());
   });
-  const { options } = await call("/api/v1/settings").catch(() => ({ options: [] }));
-  for (const { name, default: value, low, high } of options) {
+  defaults = call("/api/v1/settings").catch(() => ({ options: [] }));
+  for (const { name, default: value, low, high } of (await defaults).options) {
     if (!NUMBERS.includes(name)) continue;
     const input = byId(name);
     input.min = low;
@@ -150,5 +152,6 @@ function prior() {
 async function create(event) {
   event.preventDefault();
   const button = event.submitter ?? byId("create").querySelector("[type=submit]");
+  await defaults; // files that come at once may be taken in before them
   await openNew("sessions", members, button, byId("create-trouble"), SETUP);
 }

@@ -10,6 +10,8 @@ const KINDS = ["models", "scans", "recordings"];
 export const stored = { models: [], scans: [], recordings: [] };
 
 const heard = new Set();
+let asked = 0;
+const answered = { models: 0, scans: 0, recordings: 0 }; // by which question what is in `stored` was told
 
 // `hear` is called after each answer, and once the lists are there.
 export function onChange(hear) {
@@ -17,9 +19,14 @@ export function onChange(hear) {
 }
 
 export async function refresh(kinds = KINDS) {
+  asked += 1;
+  const question = asked;
   const lists = await Promise.all(kinds.map((kind) => call(`/api/v1/${kind}`).catch(() => null)));
   kinds.forEach((kind, place) => {
-    if (lists[place]) stored[kind] = [...lists[place]].reverse(); // the newest first
+    // an answer that was long on its way does not know what has come since
+    if (!lists[place] || question < answered[kind]) return;
+    answered[kind] = question;
+    stored[kind] = [...lists[place]].reverse(); // the newest first
   });
   for (const hear of heard) hear(stored);
 }

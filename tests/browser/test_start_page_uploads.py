@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, Route, expect
+from playwright.sync_api import APIResponse, Page, Route, expect
 
 from tests.app import small_sessions as small
 from tests.browser.conftest import PATIENCE, Troubles
@@ -180,6 +180,37 @@ def test_a_wrong_file_is_told_in_the_servers_words(
     page.get_by_role("button", name="Next: where is it?").click()
     expect(page.locator("#create-trouble")).to_contain_text("5 of its 6 numbers")
     assert sessions(served) == []
+
+
+def test_answers_that_come_late_take_nothing_back_and_lack_nowhere(page: Page, served: Served) -> None:
+    """As where the server is busy: of the models before one was sent, and of the settings' defaults."""
+    late: list[tuple[Route, APIResponse]] = []
+
+    def hold(route: Route) -> None:
+        if route.request.method == "GET" and not late:
+            late.append((route, route.fetch()))
+        else:
+            route.continue_()
+
+    page.route("**/api/v1/models", hold)
+    defaults: list[Route] = []
+    page.route("**/api/v1/settings", lambda route: defaults.append(route))
+    page.goto(served.url)
+    page.get_by_label("Choose files").set_input_files([URDF])
+    model = page.get_by_label("Model", exact=True)
+    expect(model).to_have_value(re.compile("[0-9a-f]{16}"))
+    route, none = late[0]
+    assert none.json() == []
+    with page.expect_response("**/api/v1/models"):
+        route.fulfill(response=none)
+    page.evaluate("() => new Promise((done) => setTimeout(done, 50))")
+    expect(model).to_have_value(re.compile("[0-9a-f]{16}"))
+    page.get_by_label("Choose files").set_input_files([DEPTH, CAMERA, URDF])
+    expect(page.get_by_role("list", name="Uploads").get_by_text("300 873 points")).to_be_visible()
+    page.evaluate("() => new Promise((done) => setTimeout(done, 50))")
+    defaults[0].continue_()
+    found = served.client.get(f"/api/v1/sessions/{arrived(page)}").json()
+    assert (found["particles"], found["iterations"], found["seed"]) == (400, 100, 0)
 
 
 def test_a_sample_is_one_click_away(page: Page, served: Served) -> None:

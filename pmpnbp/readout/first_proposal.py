@@ -44,9 +44,9 @@ NEAR, WIDER_EACH, WIDER, NARROW = (0.25, 0.5, 1.0, 2.0), 0.16, 3.0, 0.1
 @dataclass(frozen=True)
 class Elsewhere:
     """Where one joint of a configuration could as well be. grids : of those that could be anywhere; roots : (K, 7) and
-    joints : (K, D), with each that is not hopeless elsewhere in the best place far from where it is that is better than
-    those next to it; nats : the most that the log posterior is of all that were tried, at best_root (7,) and
-    best_joints (D,)"""
+    joints : (K, D), with each that is not hopeless elsewhere in the best place far from where it is, also where that
+    slopes towards a better one: what it is brought to is another way there; nats : the most that the log posterior is
+    of all that were tried, at best_root (7,) and best_joints (D,)"""
 
     grids: tuple[Grid, ...]
     roots: Array
@@ -135,9 +135,6 @@ def joints_elsewhere(problem: Problem, place: Held, here: float, stds: Array) ->
     groups = distant.reshape(len(moving), -1, STRIDE).any(axis=2)
     open_ = np.any(groups & (log[:, first] > here - HOPELESS), axis=1)
     log[np.ix_(open_, ~first)] = _along(problem, place, moving[open_], offsets[np.ix_(open_, ~first)])
-    beside = np.pad(log, ((0, 0), (1, 1)), constant_values=-np.inf)
-    # what slopes towards a better place is none of its own
-    peaks = distant & (log >= np.maximum(beside[:, :-2], beside[:, 2:]))
     highest = np.unravel_index(log.argmax(), log.shape)
     grids, others = [], [offsets[highest] * (np.arange(6 + model.dof) == 6 + moving[highest[0]])]
     for row in np.flatnonzero(open_):
@@ -145,8 +142,8 @@ def joints_elsewhere(problem: Problem, place: Held, here: float, stds: Array) ->
         top = max(here, log[row].max())
         beyond = cells[coordinate] * np.exp(log[row, distant[row]] - top).sum()
         near = np.sqrt(2 * np.pi) * min(float(stds[coordinate]), spans[coordinate]) * np.exp(here - top)
-        best = int(np.where(peaks[row], log[row], -np.inf).argmax())
-        if peaks[row, best] and log[row, best] > here - HOPELESS:
+        best = int(np.where(distant[row], log[row], -np.inf).argmax())
+        if log[row, best] > here - HOPELESS:
             others.append(offsets[row, best] * (np.arange(6 + model.dof) == 6 + coordinate))
         weights = np.exp(HALF_SURE * (log[row] - log[row].max()))
         weights /= weights.sum()

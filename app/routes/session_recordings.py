@@ -18,6 +18,7 @@ from app.routes.attachments import attachment
 from app.routes.parameters import SessionId, sessions_of
 from app.routes.recordings import MEDIA_TYPE
 from app.routes.turns import LongTurnRoute
+from app.store.atomic_files import there
 from pmpnbp.errors import storage_told
 
 # forty copies at once took 350 MB, and left a session a hundredth of its rate
@@ -39,7 +40,7 @@ def get_recording_of_session(session_id: SessionId, request: Request) -> Streami
     # the copy has no name any more when it is sent: nothing is left of it, however the call ends
     session = sessions_of(request).get(session_id)
     title = f"{session.status()['name'] or session.id}.sqlite"
-    with storage_told(), TemporaryDirectory(dir=request.app.state.store.root / "incoming") as folder:
+    with storage_told(), TemporaryDirectory(dir=there(request.app.state.store.root / "incoming")) as folder:
         copy = Path(folder) / "recording.sqlite"
         session.archive.copy_to(copy)
         file = copy.open("rb")

@@ -18,6 +18,13 @@ from pmpnbp.errors import PmpnbpError, storage_told
 from pmpnbp.json_text import read_json as parsed
 
 
+def there(folder: Path) -> Path:
+    """`folder`, made again where a program that clears old folders away has taken it, as it does empty ones."""
+    with storage_told():
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
 def create_folder(
     partial: Path, place: Path, files: Mapping[str, Path], documents: Mapping[str, Mapping[str, Any]]
 ) -> int:
@@ -28,7 +35,7 @@ def create_folder(
     """
     try:
         with storage_told():
-            partial.mkdir(parents=True)
+            partial.mkdir()
             for name, source in files.items():
                 os.replace(source, partial / name)
             return land_folder(partial, place, documents)
@@ -46,8 +53,7 @@ def land_folder(partial: Path, place: Path, documents: Mapping[str, Mapping[str,
             write_json(partial / name, document)
         sync(partial)
         size = sum(path.stat().st_size for path in partial.iterdir())
-        place.parent.mkdir(parents=True, exist_ok=True)
-        os.rename(partial, place)
+        os.rename(partial, there(place.parent) / place.name)
         sync(place.parent)
         return size
 

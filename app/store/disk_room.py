@@ -9,7 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from app.problems import HttpProblem
-from pmpnbp.errors import data_directory_error, storage_told
+from app.store.atomic_files import there
+from pmpnbp.errors import data_directory_error
 
 # Sessions write their recordings on their own; walking their folders for every chunk of an upload would be waste.
 _WALK_SECONDS = 1.0
@@ -57,9 +58,7 @@ class DiskRoom:
                 raise HttpProblem(
                     507, f"the data directory may hold {limit} and is full; delete sessions, scans or models first"
                 )
-            with storage_told():
-                self._sessions.mkdir(parents=True, exist_ok=True)
-                space = os.statvfs(self._sessions)
+            space = os.statvfs(there(self._sessions))
             reserve = min(_RESERVE, self._max_bytes // 20)
             if space.f_bavail * space.f_frsize < count + reserve:
                 kept = f"{reserve / (1 << 20):.0f} MiB"

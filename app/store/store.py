@@ -114,10 +114,9 @@ class Store:
     @contextmanager
     def staging(self) -> Iterator[Staging]:
         """A folder for an upload, removed at the end with whatever is still in it."""
-        folder = self._incoming / f"{_new_id()}.upload"
+        folder = self._unfinished("upload")
         with storage_told():
-            # programs that clear old folders away take empty ones
-            folder.mkdir(parents=True)
+            folder.mkdir()
         staging = Staging(folder, self._room)
         try:
             yield staging
@@ -147,7 +146,7 @@ class Store:
         }
         place = self.root / kind / id
         documents = {f"{noun}.json": document, **_answer(call, document)}
-        size = atomic_files.create_folder(self._partial(), place, {name: staged}, documents)
+        size = atomic_files.create_folder(self._unfinished(), place, {name: staged}, documents)
         with self._lock:
             self._documents[kind][id] = document
             self._room.entry(size)
@@ -168,7 +167,7 @@ class Store:
             document = {**self.document("recordings", id), "name": name}
             place = self.root / "recordings" / id
             size = folder_size(place)
-            atomic_files.replace_json(self._partial(), place / "recording.json", document)
+            atomic_files.replace_json(self._unfinished(), place / "recording.json", document)
             self._room.entry(folder_size(place) - size)
             self._documents["recordings"][id] = document
         return dict(document)
@@ -187,7 +186,7 @@ class Store:
         folder = self.session_folder(id)
         try:
             with storage_told():
-                folder.mkdir(parents=True)
+                folder.mkdir()
             yield copy.deepcopy(draft)
         finally:
             with self._lock:
@@ -211,7 +210,7 @@ class Store:
                 return
             place = self.session_folder(id) / "session.json"
             self._check_uses(document)
-            atomic_files.replace_json(self._partial(), place, document)
+            atomic_files.replace_json(self._unfinished(), place, document)
             self._documents["sessions"][id] = copy.deepcopy(dict(document))
 
     def sessions(self) -> list[tuple[str, Document | None]]:
@@ -223,7 +222,7 @@ class Store:
         """The folder of a session. HttpProblem 404."""
         with self._lock:
             if id in self._drafts:
-                return self._incoming / f"{id}.session"
+                return atomic_files.there(self._incoming) / f"{id}.session"
             self._check_there("sessions", id)
             return self.root / "sessions" / id
 
@@ -264,7 +263,7 @@ class Store:
             place = self.root / kind / id
             size = folder_size(place)
             self.idempotency.keep(place)
-            atomic_files.remove_folder(self._partial(), place)
+            atomic_files.remove_folder(self._unfinished(), place)
             del self._documents[kind][id]
             if kind == "sessions":
                 self._room.sessions_changed()
@@ -291,8 +290,8 @@ class Store:
             for id in _uses(document, kind):
                 self._check_there(kind, id)
 
-    def _partial(self) -> Path:
-        return self._incoming / f"{_new_id()}.partial"
+    def _unfinished(self, suffix: str = "partial") -> Path:
+        return atomic_files.there(self._incoming) / f"{_new_id()}.{suffix}"
 
 
 def _model_file(staged: Path, file_name: str) -> str:

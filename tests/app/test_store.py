@@ -215,6 +215,11 @@ def test_folders_that_were_cleared_away_are_made_again(gone: str, store: Store) 
         kept = str(store.add("scans", staging.folder / "scan.npz", "b.pcd", {})["id"])
     assert store.load_scan(kept).frame_id == SCAN.frame_id
     session = create_session(store, {"name": "new"})
+    if gone == "incoming":
+        shutil.rmtree(store.root / gone)
+        store.write_session(session, {"name": "newer"})
+        shutil.rmtree(store.root / gone)
+        store.delete("scans", kept)
     store = reopened(store)
     assert [id for id, _ in store.sessions()] == [session]
     store.close()

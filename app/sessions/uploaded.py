@@ -19,7 +19,6 @@ from pmpnbp.errors import PmpnbpError
 from pmpnbp.inference.arrival import ScanMode, present
 from pmpnbp.json_text import without_nan
 from pmpnbp.readout.result import pose_members
-from pmpnbp.readout.snapshot import Criteria
 from pmpnbp.recording import Change, Inputs, IterationArchive, Recording
 from pmpnbp.recording.trace_rows import event_of
 from pmpnbp.scene.observation import Scan
@@ -42,13 +41,11 @@ class UploadedRecording(Source):
         self._came: list[tuple[int, tuple[str, Scan], ScanMode]] = []
         self._max_std = SessionOptions.max_std
         try:
-            with Recording(path) as recording:
-                self._max_std = recording.max_std()
-            changes = archive.open(Criteria(max_std=self._max_std))
+            changes = archive.open(None)
             reached = max([archive.iteration, *(change.after_iteration + 1 for change in changes)])
             with Recording(path) as recording, TemporaryDirectory(prefix="recording-") as folder:
                 self._inputs = replace(recording.restored_inputs(Path(folder), 0), settings=recording.settings(reached))
-                views = len(self._inputs.scans)
+                self._max_std, views = recording.max_std(), len(self._inputs.scans)
                 self._changes = _changes_as_a_session_has_them(changes, recording.settings(0), views)
             for change in changes:
                 if change.scan is not None:

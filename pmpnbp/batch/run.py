@@ -24,7 +24,6 @@ from pmpnbp.batch.work import Outcome, Work, killed, pack, perform
 from pmpnbp.errors import PmpnbpError, RunError
 from pmpnbp.files import written_whole
 from pmpnbp.json_text import json_to_read
-from pmpnbp.library.estimate import Estimate
 from pmpnbp.recording.inputs import model_zip
 from pmpnbp.runs.run_log import RunLog
 from pmpnbp.runs.workers import spread
@@ -92,6 +91,8 @@ class _Batch:
         self._log = RunLog(out, "batch")
         self._archive = lru_cache(KEPT_MODELS)(model_zip)
         self._ended: dict[str, str | None] = {}
+        # of results that were there: none is read twice
+        self._known: dict[str, Told] = {}
 
     def make(self, processes: int, on: str | None, began: Callable[[int], object]) -> Made:
         try:
@@ -107,12 +108,18 @@ class _Batch:
         return self._write()
 
     def _done(self, row: Row) -> bool:
+        if not self._result(row.name).is_file():
+            return False
         try:
-            Estimate.load(self._result(row.name))  # it may be there, and be damaged
             kept = self._log.get(_asked(pack(row, self._archive)))
         except PmpnbpError:  # which is told when the row's turn comes
             return False
-        return kept is not None and kept.get("error") is None
+        if kept is None or kept.get("error") is not None:
+            return False
+        found = self._of_result(row.name)
+        if found.verdict != ERROR:  # it may be there, and be damaged
+            self._known[row.name] = found
+        return row.name in self._known
 
     def _works(self, rows: Sequence[Row]) -> Iterator[Work]:
         for row in rows:
@@ -155,6 +162,9 @@ class _Batch:
         error = self._ended[name]
         if error is not None:
             return Told(name=name, verdict=ERROR, sentence=error)
+        return self._known.get(name) or self._of_result(name)
+
+    def _of_result(self, name: str) -> Told:
         return told(name, self._out, self._result(name), self._picture(name))
 
     def _result(self, name: str) -> Path:

@@ -36,10 +36,8 @@ class Playback:
             raise RecordingError(f"recording {quoted(self.path)} is not there")
         # rows that it brings may be anybody's: all are made of its arrays
         self._archive = IterationArchive(self.path, f"recording '{self.path.name}'", foreign_row=_no_row)
-        if max_std is None:
-            with Recording(self.path) as recording:
-                max_std = recording.max_std()
-        changes = self._archive.open(Criteria(max_std=checked_option("max_std", max_std)))
+        given = None if max_std is None else Criteria(max_std=checked_option("max_std", max_std))
+        changes = self._archive.open(given)
         with Recording(self.path) as recording, TemporaryDirectory(prefix="recording-") as folder:
             self._scans = recording.restored_inputs(Path(folder), 0).scans
         self._came = [(one.after_iteration, one.scan, one.mode) for one in changes if one.scan is not None]

@@ -46,14 +46,13 @@ class Elsewhere:
     """Where one joint of a configuration could as well be. grids : of those that could be anywhere; roots : (K, 7) and
     joints : (K, D), with each that is not hopeless elsewhere in the best place far from where it is, also where that
     slopes towards a better one: what it is brought to is another way there; nats : the most that the log posterior is
-    of all that were tried, at best_root (7,) and best_joints (D,)"""
+    of all that were tried, at the offsets `best` (6 + D,)"""
 
     grids: tuple[Grid, ...]
     roots: Array
     joints: Array
     nats: float
-    best_root: Array
-    best_joints: Array
+    best: Array
 
 
 def curvature_information(
@@ -122,7 +121,7 @@ def joints_elsewhere(problem: Problem, place: Held, here: float, stds: Array) ->
     spans = model.upper - model.lower
     moving = np.flatnonzero((spans > 0) & np.isfinite(spans))
     if not len(moving):
-        return Elsewhere((), np.zeros((0, 7)), np.zeros((0, model.dof)), here, place.root, joints)
+        return Elsewhere((), np.zeros((0, 7)), np.zeros((0, model.dof)), here, np.zeros(6 + model.dof))
     offsets = (np.arange(CELLS) + 0.5) / CELLS * spans[moving, None] + (model.lower - joints)[moving, None]
     cells = spans / CELLS
     # no Gaussian fits a joint of which the curvature tells nothing
@@ -135,8 +134,7 @@ def joints_elsewhere(problem: Problem, place: Held, here: float, stds: Array) ->
     groups = distant.reshape(len(moving), -1, STRIDE).any(axis=2)
     open_ = np.any(groups & (log[:, first] > here - HOPELESS), axis=1)
     log[np.ix_(open_, ~first)] = _along(problem, place, moving[open_], offsets[np.ix_(open_, ~first)])
-    highest = np.unravel_index(log.argmax(), log.shape)
-    grids, others = [], [offsets[highest] * (np.arange(6 + model.dof) == 6 + moving[highest[0]])]
+    grids, others, axes = [], [], np.eye(6 + model.dof)[6 + moving]
     for row in np.flatnonzero(open_):
         coordinate = moving[row]
         top = max(here, log[row].max())
@@ -144,7 +142,7 @@ def joints_elsewhere(problem: Problem, place: Held, here: float, stds: Array) ->
         near = np.sqrt(2 * np.pi) * min(float(stds[coordinate]), spans[coordinate]) * np.exp(here - top)
         best = int(np.where(distant[row], log[row], -np.inf).argmax())
         if log[row, best] > here - HOPELESS:
-            others.append(offsets[row, best] * (np.arange(6 + model.dof) == 6 + coordinate))
+            others.append(offsets[row, best] * axes[row])
         weights = np.exp(HALF_SURE * (log[row] - log[row].max()))
         weights /= weights.sum()
         # two sharp peaks are two modes, and weighed as such
@@ -154,8 +152,9 @@ def joints_elsewhere(problem: Problem, place: Held, here: float, stds: Array) ->
         weights = (1 - UNIFORM) * weights + UNIFORM / CELLS
         begin = float(model.lower[coordinate] - joints[coordinate])
         grids.append(Grid(6 + int(coordinate), begin, begin + float(spans[coordinate]), weights))
-    roots, found = place.placed(np.array(others))
-    return Elsewhere(tuple(grids), roots[1:], found[1:], float(log[highest]), roots[0], found[0])
+    roots, found = place.placed(np.array(others).reshape(-1, 6 + model.dof))
+    row, cell = np.unravel_index(log.argmax(), log.shape)
+    return Elsewhere(tuple(grids), roots, found, float(log[row, cell]), offsets[row, cell] * axes[row])
 
 
 def _along(problem: Problem, place: Held, coordinates: NDArray[np.int64], offsets: Array) -> Array:

@@ -33,6 +33,7 @@ from pmpnbp.readout.free_turn import free_turn, turned_anyhow
 from pmpnbp.readout.image_grain import blunted, grain
 from pmpnbp.readout.importance_sampling import LogDensity, Proposal, adaptive_importance, standardised
 from pmpnbp.readout.log_posterior import log_posterior
+from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.prior import UniformPrior
 
 # Draws of the first round, whose proposal is a guess; of each further one, at least, and for each coordinate at most,
@@ -118,7 +119,7 @@ def draws_or_better(
     covariance = measured_covariance(density, here, np.asarray(np.linalg.inv(information), dtype=np.float64))
     elsewhere = joints_elsewhere(problem, about, here, np.diag(information)[6 : 6 + model.dof] ** -0.5)
     if elsewhere.nats - here > surpassed:
-        return Better(elsewhere.best_root, within_limits(elsewhere.best_joints, model.lower, model.upper, model.wraps))
+        return _better(model, about, elsewhere.best)
     lower, upper = _limits(problem, joints, len(free))
     first = Proposal(np.zeros(size), covariance, lower, upper, elsewhere.grids)
     # scales and sizes go far together with the root, and proposals are long in following them; cameras do not
@@ -132,8 +133,7 @@ def draws_or_better(
     rows, weights = drawn.rows[:, : 6 + model.dof], np.exp(drawn.log_weights)
     best = int(drawn.log_density.argmax())
     if drawn.log_density[best] - here > surpassed:
-        roots, q = about.placed(rows[[best]])
-        return Better(roots[0], within_limits(q[0], model.lower, model.upper, model.wraps))
+        return _better(model, about, rows[best])
     # what the image hides of what a prior tells is not hidden
     middle, hidden = weights @ rows, blunted(grain(problem, about), prior_information(problem, about))
     roots, q = _stirred(rng, problem, about, rows, hidden)
@@ -152,6 +152,12 @@ def draws_or_better(
         log_room=_log_room(weights, q),
         effective_sample_size=drawn.effective_sample_size,
     )
+
+
+def _better(model: ArticulatedObject, about: Held, offsets: Array) -> Better:
+    """The configuration at offsets (6 + D,)."""
+    roots, q = about.placed(offsets[None])
+    return Better(roots[0], within_limits(q[0], model.lower, model.upper, model.wraps))
 
 
 def _held_stds(covariance: Array) -> Array:

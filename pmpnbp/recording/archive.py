@@ -76,10 +76,10 @@ class IterationArchive:
         # why the recording cannot be read, or None
         self.damage: str | None = None
 
-    def open(self, criteria: Criteria) -> list[Change]:
+    def open(self, criteria: Criteria | None) -> list[Change]:
         """Take up the recording that is there; its changes. Raises RecordingError where it is lost.
 
-        criteria : by what its iterations are judged
+        criteria : by what its iterations are judged; None, of one from elsewhere: as they were then
         """
         self._criteria = criteria
         if self._foreign_row is not None:
@@ -96,8 +96,8 @@ class IterationArchive:
             last = last_shown(recording)
             if last is None:
                 raise RecordingError(f"recording '{self.path.name}' is damaged: none of its iterations is whole")
-            self._last = last
-            self._changes_after = recording.changed_after()
+            self._last, self._changes_after = last, recording.changed_after()
+            self._criteria = self._criteria or Criteria(max_std=recording.max_std())
             model = self.problem(last).mrf.model
             self._rows = ForeignRows(recording, last, lambda text: foreign_row(text, model), self._made_row)
             self._row = self._rows.row(recording, last)

@@ -29,11 +29,10 @@ from pmpnbp.readout.image_grain import (
     distorted_as_one,
     hidden_by_grain,
     noise_apart,
-    shape,
-    told_of_parts,
     unknown_camera,
 )
 from pmpnbp.readout.log_posterior import confidence
+from pmpnbp.readout.pixel_information import told_of_parts
 from pmpnbp.scene.observation import SUPPORT
 from pmpnbp.scene.sizes import resized
 
@@ -182,7 +181,7 @@ def hidden(scan: ExpectedScan, probed: Probed) -> Array:
         )
         told.append(distorted(seen, scan.camera, distortion, middles, radii))
     unknown = distorted_as_one(scan.camera, distortion, every, radii, 0, probed.steps.shape[1])
-    return hidden_by_grain(problem.mrf, probed.parts, probed.steps, [(np.array(told), unknown)], shape(problem))
+    return hidden_by_grain(problem.mrf, probed.parts, probed.steps, [(np.array(told), unknown)])
 
 
 def _sized(scan: ExpectedScan, probed: Probed, offsets: Array) -> Array:

@@ -7,11 +7,10 @@ before it are; so neighbouring joints are off in opposite senses, and its end is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage
 
 from pmpnbp.geometry import poses
 from pmpnbp.geometry.camera import Camera
@@ -21,50 +20,100 @@ from pmpnbp.inference.mrf import Mrf
 from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import renders
+from pmpnbp.readout.pixel_information import Stretch, told_of_parts
 from pmpnbp.scene.depth_noise import told_noise
-from pmpnbp.scene.flying_pixels import NEIGHBOURS
 from pmpnbp.scene.observation import OUTSIDE, SUPPORT
 
-# Standard deviations: an outline's pixel is off across it by EDGE pixels, and a surface's depth by FACE of what a pixel
-# measures there, divided by the square root of how many of the scan's are one, for these are off themselves; and by
-# NOISY of the depths' own deviations, as neighbours err together, by steps of depth, the mesh and what a pixel holds of
-# another surface. All of an object's outlines are too far in or out by INWARD pixels, which a free depth scale is taken
-# in by. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
-EDGE, FACE, NOISY, INWARD = 0.85, 0.52, 0.92, 0.065
-# A part as a whole is off by so many metres and by so much of its radius, however many pixels tell of it, and where
-# sizes are free by so much more of what they may be: sizes along three axes are not all that may be wrong of a model.
-LEAST, WHOLE, SHAPE = 0.00007, 0.0002, 0.04
+# Standard deviations: a surface's depth is off by NOISY of the depths' own, as neighbours err together, by steps of
+# depth, the mesh and what a pixel holds of another surface; for the rest see `pixel_information.py`. Outlines err alike
+# along an edge: what seems smaller by INWARD of a pixel at the object's rim is taken for farther off where a scale of
+# depth is free, and for smaller where sizes are. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
+NOISY, INWARD = 0.92, 0.065
+# A part as a whole is off by so many metres and by so much of its radius, however many pixels tell of it.
+LEAST, WHOLE = 0.00007, 0.0002
 # A part is off on its own, and the object as one, by so many times the smooth error of depth that the scan's flat
 # surfaces show (`scene/depth_distortion.py`): that of it which is flat itself they do not.
 DISTORTED, AS_ONE = 1.25, 0.5
-# What moves and tilts a part is not all of it: depths of one surface have it in common over so many radians of the
-# picture, so that no more of them count than there are patches as wide.
-ALIKE = 0.04
-# Beside an outline is what lies behind it by more than so many tolerances: up to that, what is seen there may confirm
-# either. A surface that falls away so steeply counts, too: without it coverage is the same, and next views are chosen
-# less well.
-JUMP = 2.0
-# An outline with what lies behind it on both sides of a pixel has no direction there.
-ONE_SIDED = 0.3
-# Cosine of the slant, between a ray and a surface's normal, from which on a depth tells of a surface at all.
-GRAZING = 0.17
 # Metres: what an image leaves more open than this it does not tell at all, and the posterior's draws alone say where it
 # is.
 UNTOLD = 0.02
-# Rows and columns of pixels.
-Pixels = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 def grain(problem: Problem, place: Held) -> Array:
-    """(6 + D, 6 + D) covariance of a place's coordinates, by which it is hidden. Zero in what no image tells."""
-    mrf = problem.mrf
+    """(6 + D + F, 6 + D + F) covariance of a place's coordinates and of the F free nuisances, by which they are hidden.
+    Zero in what no image tells."""
+    mrf, size = problem.mrf, 6 + len(place.joints)
     here = mrf.part_poses(place.root, place.joints)
-    size = 6 + len(place.joints)
-    told, away, loose = np.zeros((mrf.nodes, 6, 6)), [np.zeros((3, 3))], []
-    scale_stds, offset_stds, _ = nuisances.split(problem.nuisance_std, len(problem.observation.views))
+    # a joint at its limit is moved beyond it: this is geometry alone
+    parts = mrf.part_poses(*place.placed(LITTLE * np.concatenate([np.zeros((1, size)), np.eye(size)])))
+    slopes, levers = _slopes(mrf, parts[None], np.full((1, size), LITTLE))
+    shared = _shared(problem, place, here)
+    slopes = np.concatenate([_wide(slopes[0], shared.slopes.shape[-1]), shared.slopes])
+    levers = np.append(levers[0], np.ones(len(shared.slopes)))
+    squared = levers[:, None] * levers
+    seen = np.diag(np.append(np.zeros(size), shared.stds**-2.0))
+    for told, cameras, unknown in _of_views(problem, place, here, shared):
+        moves = slopes.copy()
+        moves[size:, :, :6] += cameras
+        seen += _seen(mrf, moves[None], [(told[None], (squared * unknown)[None])])[0]
+    found = _all_left(seen, size) / squared
+    # what outlines have wrong along an edge goes into a scale and sizes, which all the rest follows
+    follows = found[size:] / np.diag(found)[size:, None]
+    return found + follows.T @ (shared.off[:, None] ** 2 * follows)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Shared:
+    """The free nuisances (F,), which all parts have in common.
+
+    stds : (F,) of their priors; off : (F,) by how much outlines have scales and sizes wrong
+    slopes : (F, N, R) how each but a camera's offset moves what views tell of a part: its pose and, where one of these
+        is free, each view's scale and the sizes
+    stretch : None where scales and sizes are fixed
+    """
+
+    stds: Array
+    off: Array
+    slopes: Array
+    stretch: Stretch | None
+
+
+def _shared(problem: Problem, place: Held, here: Array) -> _Shared:
+    """With parts `here` (N, 7)."""
+    mrf, views = problem.mrf, len(problem.observation.views)
+    free = np.flatnonzero(problem.nuisance_std)
+    stds = problem.nuisance_std[free]
+    # scales come first, and sizes last
+    numbers = np.append(np.arange(views), np.arange(len(problem.nuisance_std))[-3:])
+    if problem.nuisances is None or not problem.nuisance_std[numbers].any():
+        return _Shared(stds=stds, off=np.zeros(len(free)), slopes=np.zeros((len(free), mrf.nodes, 6)), stretch=None)
+    changed = problem.nuisances + LITTLE * np.eye(len(problem.nuisances))[free]
+    sized = problem.part_poses(np.tile(place.root, (len(free), 1)), np.tile(place.joints, (len(free), 1)), changed)
+    own = np.concatenate(poses.perturbation(here, sized, mrf.centres), axis=-1) / LITTLE
+    common = np.tile((free[:, None] == numbers)[:, None].astype(np.float64), (1, mrf.nodes, 1))
+    _, reach = _middle_and_reach(poses.transform_points(here, mrf.centres), mrf.radii)
+    pixels = np.array([view.distance / view.camera.fx for view in problem.observation.views])
+    off = np.zeros(len(problem.nuisance_std))
+    off[numbers] = INWARD / reach * np.append(pixels, np.full(3, min(pixels[pixels > 0], default=0.0)))
+    turned = poses.to_matrix(here)[:, :3, :3]
+    axes = np.einsum("nka,nba->nkb", problem.surfaces.axes_at_zero, turned)
+    return _Shared(
+        stds=stds,
+        off=np.minimum(off[free], stds),
+        slopes=np.concatenate([own, common], axis=-1),
+        stretch=Stretch(origins=here[:, :3], axes=axes),
+    )
+
+
+def _of_views(problem: Problem, place: Held, here: Array, shared: _Shared) -> Iterator[tuple[Array, Array, Array]]:
+    """What views tell of each part, (N, R, R), how the free nuisances (F,) that say where their own cameras stand move
+    parts there, (F, N, 6), and the covariance (P, P) by which they have the object wrong as one: of each view that has
+    such, then of all others together."""
+    mrf, free = problem.mrf, np.flatnonzero(problem.nuisance_std)
+    size, views = 6 + len(place.joints) + len(free), len(problem.observation.views)
+    noise, numbers = noise_apart(problem), np.arange(views, 7 * views).reshape(views, 6)
     middles = poses.transform_points(here, mrf.centres)
-    noise = noise_apart(problem)
-    middle, reach = _middle_and_reach(middles, mrf.radii)
+    together = np.zeros((mrf.nodes, shared.slopes.shape[-1], shared.slopes.shape[-1]))
     for camera, (view, _, depth, number) in enumerate(
         renders(problem.observation, problem.surfaces, here, problem.nuisances)
     ):
@@ -72,7 +121,7 @@ def grain(problem: Problem, place: Held) -> Array:
             continue
         # what may be floor, or another thing, hardly counts where it is explained, and holds nothing in its place
         telling = shown(problem, view, depth) & (view.category != SUPPORT) & (view.category != OUTSIDE)
-        in_view = told_of_parts(
+        told = told_of_parts(
             view.camera,
             depth,
             number,
@@ -83,39 +132,52 @@ def grain(problem: Problem, place: Held) -> Array:
             1.0,
             view.binned,
             view.distortion,
+            shared.stretch,
         )
-        in_view = distorted(in_view, view.camera, view.distortion, middles, mrf.radii)
-        unknown = distorted_as_one(view.camera, view.distortion, middles[None], mrf.radii, place.part, size)
-        if offset_stds[camera].any():
-            held = here[None, place.part], mrf.centres[place.part]
-            unknown = unknown + unknown_camera(view.camera, offset_stds[camera], *held, size)
+        told = distorted(told, view.camera, view.distortion, middles, mrf.radii)
+        if shared.stretch is not None:
+            told = _of_one_view(told, camera, views)
+        unknown = distorted_as_one(view.camera, view.distortion, middles[None], mrf.radii, place.part, size)[0]
+        moved = np.zeros((len(free), mrf.nodes, 6))
+        offsets = np.isin(free, numbers[camera])
+        moved[offsets] = camera_slopes(view.pose_world_scan, here, mrf.centres)[np.isin(numbers[camera], free)]
+        if unknown.any() or offsets.any():
+            yield told, moved, unknown
         else:
-            # what seems smaller by its outlines seems farther off
-            gap = middle - np.asarray(view.camera.pose_world_camera)[:3]
-            footprint = view.distance / view.camera.fx
-            away.append(np.outer(gap, gap) * min(INWARD * footprint / reach, scale_stds[camera]) ** 2)
-        if unknown.any():
-            loose.append((in_view[None], unknown))
-        else:
-            told += in_view
-    # a joint at its limit is moved beyond it: this is geometry alone
-    parts = mrf.part_poses(*place.placed(LITTLE * np.concatenate([np.zeros((1, size)), np.eye(size)])))
-    steps = np.full((1, size), LITTLE)
-    seen = [(told[None], np.zeros((1, size, size))), *loose]
-    (found,) = hidden_by_grain(mrf, parts[None], steps, seen, shape(problem))
-    found[:3, :3] += sum(away) / max(len(away) - 1, 1) ** 2
+            together = together + told
+    yield together, np.zeros((len(free), mrf.nodes, 6)), np.zeros((size, size))
+
+
+def _of_one_view(told: Array, view: int, views: int) -> Array:
+    """What one of `views` views tells of each part, of its own scale and of sizes, (N, 10, 10), among the scales of all
+    views: (N, 9 + V, 9 + V)."""
+    at = np.array([*range(6), 6 + view, *range(6 + views, 9 + views)])
+    found = np.zeros((len(told), 9 + views, 9 + views))
+    found[:, at[:, None], at] = told
     return found
+
+
+def _wide(slopes: Array, count: int) -> Array:
+    """Slopes (..., 6) with zeros after them, (..., `count`)."""
+    return np.concatenate([slopes, np.zeros((*slopes.shape[:-1], count - 6))], axis=-1)
+
+
+def camera_slopes(pose_world_camera: Array, poses_world_part: Array, centres: Array) -> Array:
+    """(6, ..., 6) translations and rotation vectors, about their `centres` (..., 3), by which parts at (..., 7) appear
+    to be moved for each unit of the offset of a camera that is said to stand at (7,), see `potentials/nuisances.py`."""
+    moved = nuisances.camera_motion(LITTLE * np.eye(6), pose_world_camera)
+    moved = moved.reshape(6, *[1] * (poses_world_part.ndim - 1), 7)
+    there = poses.multiply(moved, poses_world_part)
+    return np.concatenate(poses.perturbation(poses_world_part, there, centres), axis=-1) / LITTLE
 
 
 def unknown_camera(camera: Camera, offset_stds: Array, pose_world_part: Array, centre: Array, size: int) -> Array:
     """(..., P, P) covariance of P = `size` coordinates, of which the first six are translation and rotation vector of a
     part at (..., 7) about its `centre` (3,) with all the rest, as a camera has them wrong whose offset, see
     `potentials/nuisances.py`, has deviations (6,)."""
-    moved = nuisances.camera_motion(LITTLE * np.eye(6), np.asarray(camera.pose_world_camera, dtype=np.float64))
-    here = pose_world_part[..., None, :]
-    slopes = np.concatenate(poses.perturbation(here, poses.multiply(moved, here), centre), axis=-1) / LITTLE
+    slopes = camera_slopes(np.asarray(camera.pose_world_camera, dtype=np.float64), pose_world_part, centre)
     found = np.zeros((*pose_world_part.shape[:-1], size, size))
-    found[..., :6, :6] = np.einsum("...ka,k,...kb->...ab", slopes, offset_stds**2, slopes)
+    found[..., :6, :6] = np.einsum("k...a,k,k...b->...ab", slopes, offset_stds**2, slopes)
     return found
 
 
@@ -130,52 +192,17 @@ def noise_apart(problem: Problem) -> Array:
     return NOISY * told_noise(problem.noise, problem.noise_area)
 
 
-def shape(problem: Problem) -> Array:
-    """(N,) metres by which each part may be off as its model is not quite its shape; 0 where sizes are fixed."""
-    return SHAPE * float(problem.nuisance_std[-3:].max()) * problem.mrf.radii
-
-
-def told_of_parts(
-    camera: Camera,
-    depth: NDArray[np.float32],
-    number: NDArray[np.int16],
-    shown: NDArray[np.bool_],
-    middles: Array,
-    tolerance: float,
-    noise: float,
-    finer: float = 1.0,
-    binned: int = 1,
-    distortion: float = 0.0,
-) -> Array:
-    """(N, 6, 6) Fisher information of parts' translations, metres, and rotation vectors about their `middles` (N, 3) in
-    world: what those pixels of a render tell that are `shown` (h, w).
-
-    depth, number : (h, w) of the render, metres and parts; tolerance : metres; noise : metres, of a depth that errs on
-    its own
-    finer : the pixels of the image that is scored are so many times narrower than the camera's
-    binned : so many pixels of the scan, across and down, are one of the image that is scored
-    distortion : the deviation of smooth errors, as a share of the depth
-    """
-    pixel = 1 / (camera.fx * finer * np.sqrt(binned))
-    (row, column), across = outlines(depth, shown, tolerance)
-    x, y, _ = _rays(camera, (row, column)).T
-    aside = np.stack([across[:, 0], across[:, 1], -(across[:, 0] * x + across[:, 1] * y)], axis=1)
-    # of a pixel of outline the image that is scored has `finer`, of a surface's as many squared
-    off = EDGE * depth[row, column, None] * pixel
-    found = _gathered(camera, depth, number, (row, column), np.sqrt(finer) * aside / off, middles)
-    (row, column), normals = facing(camera, depth, number, shown)
-    z = depth[row, column, None].astype(np.float64)
-    off = np.hypot(z * np.hypot(FACE * pixel, distortion * ALIKE * camera.fx * finer), noise)
-    return found + _gathered(camera, depth, number, (row, column), finer * z * normals / off, middles)
-
-
 def distorted(told: Array, camera: Camera, distortion: float, middles: Array, radii: Array) -> Array:
-    """(N, 6, 6) of what is `told` of parts, (N, 6, 6) likewise, where smooth errors of depths move and tilt each on its
+    """(N, R, R) of what is `told` of parts, (N, R, R) likewise, where smooth errors of depths move and tilt each on its
     own: along the line of sight, and by as much at its rim.
 
     distortion : the deviation of these, as a share of the depth; middles : (N, 3) in world; radii : (N,) metres
     """
-    return blunted(told, smooth_errors(camera, DISTORTED * distortion, middles, radii)) if distortion else told
+    if not distortion:
+        return told
+    errors = np.zeros_like(told)
+    errors[:, :6, :6] = smooth_errors(camera, DISTORTED * distortion, middles, radii)
+    return blunted(told, errors)
 
 
 def distorted_as_one(camera: Camera, distortion: float, middles: Array, radii: Array, held: int, size: int) -> Array:
@@ -217,107 +244,61 @@ def _middle_and_reach(middles: Array, radii: Array) -> tuple[Array, Array]:
     return middle, (np.linalg.norm(middles - middle[..., None, :], axis=-1) + radii).max(axis=-1)
 
 
-def outlines(depth: NDArray[np.float32], shown: NDArray[np.bool_], tolerance: float) -> tuple[Pixels, Array]:
-    """Pixels (P,) of outlines in a render's depth (h, w), among those that are `shown` (h, w): beside which nothing is,
-    or something farther off, and on one side only; directions (P, 2) to there, columns and rows, of length 1."""
-    beyond = np.where(depth > 0, depth, np.inf)
-    beside = ndimage.maximum_filter(beyond, size=3, mode="nearest")
-    row, column = np.nonzero(shown & (beside > beyond + JUMP * tolerance))
-    last = np.array(depth.shape) - 1
-    around = np.clip(np.stack([row, column], axis=1)[:, None] + NEIGHBOURS, 0, last)
-    farther = beyond[around[..., 0], around[..., 1]] > (beyond[row, column] + JUMP * tolerance)[:, None]
-    across = farther @ (NEIGHBOURS[:, ::-1] / np.linalg.norm(NEIGHBOURS, axis=1)[:, None])
-    length = np.linalg.norm(across, axis=1)
-    kept = length > ONE_SIDED
-    return (row[kept], column[kept]), across[kept] / length[kept, None]
-
-
-def facing(
-    camera: Camera, depth: NDArray[np.float32], number: NDArray[np.int16], shown: NDArray[np.bool_]
-) -> tuple[Pixels, Array]:
-    """Pixels (P,) that are `shown` (h, w) and face the camera, of a render's depth and part number (h, w), and normals
-    (P, 3) of their surfaces in its frame, 1 / metres: with points on them their product is 1."""
-    inverse = np.divide(1.0, depth, out=np.zeros(depth.shape), where=depth > 0)
-    row, column = np.nonzero(shown)
-    x, y, _ = _rays(camera, (row, column)).T
-    right, down = (_slope(inverse, number, axis)[row, column] for axis in (1, 0))
-    normal = np.stack([right * camera.fx, down * camera.fy, np.zeros(len(row))], axis=1)
-    normal[:, 2] = inverse[row, column] - normal[:, 0] * x - normal[:, 1] * y
-    far = depth[row, column] * np.sqrt(1 + x**2 + y**2)
-    kept = np.linalg.norm(normal, axis=1) * far * GRAZING < 1
-    return (row[kept], column[kept]), normal[kept]
-
-
-def _rays(camera: Camera, pixels: Pixels) -> Array:
-    """(P, 3): `Camera.rays` of some pixels, in double precision."""
-    row, column = pixels
-    return np.stack([(column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy, np.ones(len(row))], axis=1)
-
-
-def _slope(inverse: Array, number: NDArray[np.int16], axis: int) -> Array:
-    """(h, w): by how much an inverse depth (h, w) grows from a pixel of a part to the next along an axis; of the
-    differences to both sides the smaller, nan where there is none."""
-    step = np.where(np.diff(number, axis=axis) == 0, np.diff(inverse, axis=axis), np.nan)
-    none = np.full_like(inverse, np.nan)
-    after, before = none.copy(), none
-    inner, outer = [slice(None)] * 2, [slice(None)] * 2
-    inner[axis], outer[axis] = slice(None, -1), slice(1, None)
-    after[tuple(inner)], before[tuple(outer)] = step, step
-    smaller = np.where(np.abs(after) < np.abs(before), after, before)
-    return np.where(np.isnan(before), after, smaller)
-
-
-def _gathered(
-    camera: Camera,
-    depth: NDArray[np.float32],
-    number: NDArray[np.int16],
-    pixels: Pixels,
-    directions: Array,
-    middles: Array,
-) -> Array:
-    """(N, 6, 6): what pixels tell of parts' translations and turns, each of how far its own is off in a direction
-    (P, 3) of the camera's frame, as long as a metre has of its deviations."""
-    row, column = pixels
-    pose, owner = np.asarray(camera.pose_world_camera, dtype=np.float64), number[row, column]
-    arms = poses.transform_points(pose, _rays(camera, pixels) * depth[row, column, None]) - middles[owner]
-    straight = poses.rotate(pose[3:], directions)
-    rows = np.concatenate([straight, np.cross(arms, straight)], axis=1)
-    order = np.argsort(owner, kind="stable")
-    ends = np.searchsorted(owner[order], np.arange(len(middles)), side="right")
-    parts = np.split(rows[order], ends)[: len(middles)]
-    return np.array([part.T @ part for part in parts])
-
-
-def hidden_by_grain(mrf: Mrf, parts: Array, steps: Array, views: Sequence[tuple[Array, Array]], astray: Array) -> Array:
+def hidden_by_grain(mrf: Mrf, parts: Array, steps: Array, views: Sequence[tuple[Array, Array]]) -> Array:
     """(T, P, P) covariances of P coordinates: of the fit, by least squares, of the object to parts that are each off on
     their own.
 
     parts : (T, 1 + P, N, 7), as they are and with each coordinate moved by its step (T, P)
     views : of each what it tells, (T, N, 6, 6), of each part's translation and rotation vector about its middle, as
         from `told_of_parts`, and the covariance (T, P, P) by which it has the object wrong as one
-    astray : (N,) metres by which each part is off besides, in each view on its own
     """
+    slopes, levers = _slopes(mrf, parts, steps)
+    squared = levers[:, None, :] * levers[:, :, None]
+    seen = _seen(mrf, slopes, [(told, squared * unknown) for told, unknown in views])
+    return _left(seen) / squared
+
+
+def _slopes(mrf: Mrf, parts: Array, steps: Array) -> tuple[Array, Array]:
+    """How coordinates move parts, (T, P, N, 6), translations and rotation vectors about their middles, where each moves
+    what it moves most by one metre, and the metres (T, P) that it does for one unit; `parts`, `steps` as for
+    `hidden_by_grain`."""
     shifts, turns = poses.perturbation(parts[:, :1], parts[:, 1:], mrf.centres)
     slopes = np.concatenate([shifts, turns], axis=-1) / steps[:, :, None, None]
     reaches = np.sqrt((shifts**2).sum(axis=-1) + ((mrf.radii[:, None] * turns) ** 2).sum(axis=-1)).max(axis=-1) / steps
     # what moves nothing, or only by rounding
     levers: Array = np.where(reaches > 1e-6, reaches, 1.0)
-    slopes, squared = slopes / levers[:, :, None, None], levers[:, :, None] * levers[:, None, :]
-    seen = np.sum(
-        [blunted(_of_coordinates(mrf, slopes, told, astray), squared * unknown) for told, unknown in views], axis=0
-    )
-    values, axes = np.linalg.eigh((seen + np.swapaxes(seen, 1, 2)) / 2)
-    variances = np.where(values > UNTOLD**-2.0, 1 / np.maximum(values, UNTOLD**-2.0), 0.0)
-    found: Array = np.einsum("tpk,tk,tqk->tpq", axes, variances, axes) / squared
+    return slopes / levers[:, :, None, None], levers
+
+
+def _seen(mrf: Mrf, slopes: Array, views: Sequence[tuple[Array, Array]]) -> Array:
+    """(T, P, P) information of coordinates by whose slopes (T, P, N, R) parts are moved, of which `views` tell."""
+    found: Array = np.sum([blunted(_of_coordinates(mrf, slopes, told), unknown) for told, unknown in views], axis=0)
     return found
 
 
-def _of_coordinates(mrf: Mrf, slopes: Array, told: Array, astray: Array) -> Array:
-    """(T, P, P) information of P coordinates by whose slopes (T, P, N, 6) parts are moved of which is `told`."""
-    own = np.zeros((mrf.nodes, 6))
-    own[:, :3] = (astray**2 + LEAST**2 + (WHOLE * mrf.radii) ** 2)[:, None]
+def _left(seen: Array) -> Array:
+    """(..., P, P) covariance that information (..., P, P) leaves, by metres of which UNTOLD are nothing told."""
+    values, axes = np.linalg.eigh((seen + np.swapaxes(seen, -1, -2)) / 2)
+    variances = np.where(values > UNTOLD**-2.0, 1 / np.maximum(values, UNTOLD**-2.0), 0.0)
+    found: Array = np.einsum("...pk,...k,...qk->...pq", axes, variances, axes)
+    return found
+
+
+def _all_left(seen: Array, size: int) -> Array:
+    """(P, P) likewise, where of information (P, P) all that is after the first `size` numbers is told."""
+    own, shared, others = seen[:size, :size], seen[:size, size:], seen[size:, size:]
+    followed = np.linalg.solve(others, shared.T)
+    left = _left(own - shared @ followed)
+    crossed = -left @ followed.T
+    return np.block([[left, crossed], [crossed.T, np.linalg.inv(others) + followed @ left @ followed.T]])
+
+
+def _of_coordinates(mrf: Mrf, slopes: Array, told: Array) -> Array:
+    """(T, P, P) information of P coordinates by whose slopes (T, P, N, R) parts are moved of which is `told`."""
+    own = np.zeros((mrf.nodes, told.shape[-1]))
+    own[:, :3] = (LEAST**2 + (WHOLE * mrf.radii) ** 2)[:, None]
     # of points along a line as far as the radius to both sides, turned, as much in the mean square
-    own[:, 3:] = 3 * own[:, :3] / np.maximum(mrf.radii[:, None], LITTLE) ** 2
-    told = np.asarray(np.linalg.solve(np.eye(6) + told * own[:, None, :], told), dtype=np.float64)
+    own[:, 3:6] = 3 * own[:, :3] / np.maximum(mrf.radii[:, None], LITTLE) ** 2
+    told = np.asarray(np.linalg.solve(np.eye(own.shape[1]) + told * own[:, None, :], told), dtype=np.float64)
     found: Array = np.einsum("tpna,tnab,tqnb->tpq", slopes, told, slopes, optimize=True)
     return found

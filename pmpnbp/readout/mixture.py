@@ -36,7 +36,7 @@ from pmpnbp.readout.checkpoint import Checkpoint, go_on
 from pmpnbp.readout.denied_parts import drawn_anew, without
 from pmpnbp.readout.fit import Fit, assess
 from pmpnbp.readout.log_posterior import log_posterior
-from pmpnbp.readout.object_posterior import ModeDraws, draws_or_better, misfit, mode_draws
+from pmpnbp.readout.object_posterior import ModeDraws, drawn_nuisance_stds, draws_or_better, misfit, mode_draws
 from pmpnbp.readout.places import POLISH_ROUNDS, Place, contenders, least_reach, mode_reach, strayed
 from pmpnbp.readout.posterior import Centre, ObjectMode, Posterior
 from pmpnbp.scene.prior import GaussianPrior
@@ -181,6 +181,7 @@ def _told(
         effective_sample_size=place.draws.effective_sample_size,
         fit=fit,
         drawn_sizes=_sizes(problem, found),
+        nuisance_stds=drawn_nuisance_stds(problem, place.draws),
         centre=_centre(drawn_in, place) if problem.settings.object_estimate else None,
     )
 
@@ -215,9 +216,7 @@ def _centre(problem: Problem, place: Place) -> Centre:
     mean = np.where(known, draws.middle, 0.0)
     joints = within_limits(place.joints + mean[6:], model.lower, model.upper, model.wraps)
     root = draws.about.roots(mean[None, :6], joints[None])[0]
-    nuisances = problem.nuisances
-    if draws.nuisances is not None and known[0]:
-        nuisances = np.exp(draws.log_weights) @ draws.nuisances
+    nuisances = draws.middle_nuisances if known[0] else problem.nuisances
     nats = log_posterior(problem, root[None], joints[None], None if nuisances is None else nuisances[None])[0]
     if nats < place.nats - SURPASSED:
         return Centre(root=place.root, joints=place.joints, nuisances=problem.nuisances)

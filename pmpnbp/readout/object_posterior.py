@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg
 
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference.held_part import Held, held
@@ -66,7 +67,8 @@ class ModeDraws:
     middle, held_stds : (6 + D,) in these coordinates, before they were stirred: their mean, and the standard deviation
         of each where all others are held: joints of a chain that turn against each other may each be anywhere, and
         tell of one another where
-    nuisances : (K, ...), see `potentials/nuisances.py`; None where all are fixed
+    nuisances : (K, ...), see `potentials/nuisances.py`, and `middle_nuisances` their mean before they were stirred;
+        None where all are fixed
     nats : the log posterior at the configuration that was drawn about
     elsewhere : where one joint of the configuration that was drawn about could as well be
     log_evidence : of the mode: logarithm of the posterior's integral over it, up to what is the same for all modes
@@ -81,6 +83,7 @@ class ModeDraws:
     middle: Array
     held_stds: Array
     nuisances: Array | None
+    middle_nuisances: Array | None
     nats: float
     elsewhere: Elsewhere
     log_evidence: float
@@ -130,22 +133,25 @@ def draws_or_better(
     drawn = adaptive_importance(
         rng, density, first, counts, ENOUGH / power, least_power=power, least=least, high=here + surpassed
     )
-    rows, weights = drawn.rows[:, : 6 + model.dof], np.exp(drawn.log_weights)
+    dof, weights = 6 + model.dof, np.exp(drawn.log_weights)
     best = int(drawn.log_density.argmax())
     if drawn.log_density[best] - here > surpassed:
-        return _better(model, about, rows[best])
-    # what the image hides of what a prior tells is not hidden
-    middle, hidden = weights @ rows, blunted(grain(problem, about), prior_information(problem, about))
-    roots, q = _stirred(rng, problem, about, rows, hidden)
-    covariance = np.einsum("k,ki,kj->ij", weights, rows - middle, rows - middle) + hidden
+        return _better(model, about, drawn.rows[best, :dof])
+    # what the image hides of what priors tell is not hidden
+    known = linalg.block_diag(prior_information(problem, about), np.diag(problem.nuisance_std[free] ** -2.0))
+    middle, hidden = weights @ drawn.rows, blunted(grain(problem, about), known)
+    covariance = np.einsum("k,ki,kj->ij", weights, drawn.rows - middle, drawn.rows - middle) + hidden
+    middle, covariance, nuisances = middle[:dof], covariance[:dof, :dof], _nuisances(problem, free, middle[None, dof:])
+    roots, q, others = _stirred(rng, problem, about, drawn.rows, hidden)
     return ModeDraws(
         roots=roots,
         joints=_bent(rng, problem, about, middle, covariance, (roots, q)),
         log_weights=drawn.log_weights,
         about=about,
         middle=middle,
+        middle_nuisances=None if nuisances is None else nuisances[0],
         held_stds=_held_stds(covariance),
-        nuisances=_nuisances(problem, free, drawn.rows[:, 6 + model.dof :]),
+        nuisances=_nuisances(problem, free, others),
         nats=here,
         elsewhere=elsewhere,
         log_evidence=drawn.log_integral,
@@ -175,19 +181,19 @@ def misfit(nats: float) -> float:
 
 def _stirred(
     rng: np.random.Generator, problem: Problem, about: Held, rows: Array, hidden: Array
-) -> tuple[Array, Array]:
-    """Root poses (K, 7) and joint vectors (K, D) at offsets (K, 6 + D) and what a covariance (6 + D, 6 + D) hides, by
-    any turn that nothing tells."""
+) -> tuple[Array, Array, Array]:
+    """Root poses (K, 7), joint vectors (K, D) and free nuisances (K, F) at offsets (K, 6 + D + F) and what a covariance
+    (6 + D + F, 6 + D + F) hides, by any turn that nothing tells."""
     model = problem.mrf.model
     values, axes = np.linalg.eigh(hidden)
     # the symmetric root: axes of equal variance are any
     stir = rng.standard_normal((len(rows), len(values))) @ (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
-    moved = rows + stir
-    q = within_limits(about.joints + moved[:, 6:], model.lower, model.upper, model.wraps)
-    roots = about.roots(moved[:, :6], q)
+    moves, moved, others = np.split(rows + stir, [6, 6 + model.dof], axis=1)
+    q = within_limits(about.joints + moved, model.lower, model.upper, model.wraps)
+    roots = about.roots(moves, q)
     if isinstance(problem.prior, UniformPrior) and (spin := free_turn(model)):
         roots, q = turned_anyhow(rng, model, spin, roots, q)
-    return roots, within_limits(q, model.lower, model.upper, model.wraps)
+    return roots, within_limits(q, model.lower, model.upper, model.wraps), others
 
 
 def _bent(
@@ -218,6 +224,16 @@ def _log_room(weights: Array, joints: Array) -> float:
     gap = joints - weights @ joints
     spread = np.einsum("k,ki,kj->ij", weights, gap, gap) + SHUT**2 * np.eye(gap.shape[1])
     return float(np.linalg.slogdet(spread)[1] / 2)
+
+
+def drawn_nuisance_stds(problem: Problem, draws: ModeDraws) -> Array | None:
+    """(K,) standard deviations of the nuisances in draws; None where all are fixed."""
+    if draws.nuisances is None:
+        return None
+    weights, drawn = np.exp(draws.log_weights), draws.nuisances
+    # what no image tells was stirred, too
+    found: Array = np.minimum(np.sqrt(weights @ (drawn - weights @ drawn) ** 2), problem.nuisance_std)
+    return found
 
 
 def nuisance_stds(problem: Problem, root: Array, joints: Array) -> Array:

@@ -79,7 +79,10 @@ class Standing:
 
     @cached_property
     def nuisance_stds(self) -> Array:
-        """(K,), see `object_posterior.nuisance_stds`; of a problem that has nuisances."""
+        """(K,) of the posterior, or where there is none yet by the score's curvature, see
+        `object_posterior.nuisance_stds`; of a problem that has nuisances."""
+        if self.posterior is not None and self.posterior.nuisance_stds is not None:
+            return self.posterior.nuisance_stds
         return nuisance_stds(self.problem, self.part_poses[0], self.joint_positions)
 
 

@@ -79,6 +79,7 @@ class Posterior:
     effective_sample_size : of the draws of the estimate's own mode
     fit : whether what should be seen is seen
     drawn_sizes : (K, 3) how much larger than its model each draw is, see `scene/sizes.py`; None where sizes are fixed
+    nuisance_stds : (K,) standard deviations of the nuisances, see `potentials/nuisances.py`; None where all are fixed
     centre : where the object is told to be; None where the estimate is
     """
 
@@ -93,6 +94,7 @@ class Posterior:
     effective_sample_size: float
     fit: Fit
     drawn_sizes: Array | None = None
+    nuisance_stds: Array | None = None
     centre: Centre | None = None
 
     def part_poses(self, model: ArticulatedObject, draws: NDArray[np.int64]) -> Array:

@@ -102,6 +102,7 @@ def array_shapes(model: ArticulatedObject, particles: int, scans: int) -> ArrayS
             f"{PREFIX}drawn_roots": (real, (draws, 7)),
             f"{PREFIX}drawn_joints": (real, (draws, dof)),
             f"{PREFIX}drawn_sizes": (real, (draws, 3)),
+            f"{PREFIX}nuisance_stds": (real, (nuisances,)),
             f"{PREFIX}log_weights": (real, (draws,)),
             f"{PREFIX}mode": (whole, (draws,)),
             f"{PREFIX}mode_weights": (real, (MOST_MODES,)),

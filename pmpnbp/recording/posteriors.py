@@ -22,6 +22,8 @@ from pmpnbp.recording.report_check import are_in_reach, are_numbers, are_poses, 
 from pmpnbp.recording.schema import PREFIX
 
 _DRAWS = ("root", "joints", "drawn_roots", "drawn_joints", "log_weights", "mode")
+# Only where nuisances are free, of a posterior that was recorded since they are told.
+_OF_NUISANCES = ("drawn_sizes", "nuisance_stds")
 
 
 def posterior_arrays(posterior: Posterior) -> Arrays:
@@ -34,8 +36,7 @@ def posterior_arrays(posterior: Posterior) -> Arrays:
     found["mode_roots"] = np.array([mode.root for mode in modes])
     found["mode_joints"] = np.array([mode.joints for mode in modes])
     found["effective_sample_size"] = np.array([posterior.effective_sample_size])
-    if posterior.drawn_sizes is not None:
-        found["drawn_sizes"] = posterior.drawn_sizes
+    found |= {name: values for name in _OF_NUISANCES if (values := getattr(posterior, name)) is not None}
     if posterior.centre is not None:
         found["centre_root"], found["centre_joints"] = posterior.centre.root, posterior.centre.joints
         if posterior.centre.nuisances is not None:
@@ -59,6 +60,7 @@ def to_posterior(iteration: int, arrays: Mapping[str, NDArray[Any]]) -> Posterio
         effective_sample_size=float(found["effective_sample_size"].item()),
         fit=Fit(**{**fit, **{name: tuple(fit[name]) for name in ("missed", "denied")}}),
         drawn_sizes=found.get("drawn_sizes"),
+        nuisance_stds=found.get("nuisance_stds"),
         centre=_centre(found),
     )
 
@@ -91,6 +93,7 @@ def _fits(problem: Problem, posterior: Posterior) -> bool:
         and are_poses(posterior.drawn_roots, (draws, 7))
         and are_in_reach(posterior.drawn_joints, (draws, dof))
         and (posterior.drawn_sizes is None or _are_sizes(posterior.drawn_sizes, draws))
+        and (posterior.nuisance_stds is None or _are_stds(posterior.nuisance_stds, problem.nuisance_std))
         and (posterior.centre is None or _is_centre(problem, posterior.centre))
         and are_whole(mode, (draws,))
         and all(are_poses(one.root, (7,)) and are_in_reach(one.joints, (dof,)) for one in posterior.modes)
@@ -119,3 +122,7 @@ def _is_centre(problem: Problem, centre: Centre) -> bool:
 
 def _are_sizes(sizes: NDArray[Any], draws: int) -> bool:
     return are_numbers(sizes, (draws, 3)) and bool(np.all(sizes > -1))
+
+
+def _are_stds(stds: NDArray[Any], priors: NDArray[Any]) -> bool:
+    return are_numbers(stds, priors.shape) and bool(np.all(stds >= 0))

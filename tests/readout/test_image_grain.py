@@ -13,35 +13,30 @@ from pmpnbp.geometry.camera import Camera
 from pmpnbp.geometry.poses import Array
 from pmpnbp.inference import mrf as fields
 from pmpnbp.inference import problem as problems
-from pmpnbp.inference.held_part import Held
+from pmpnbp.inference.held_part import Held, shown
 from pmpnbp.inference.problem import Problem
+from pmpnbp.potentials import nuisances
 from pmpnbp.potentials.unary import render
 from pmpnbp.readout import image_grain
 from pmpnbp.readout.image_grain import (
-    ALIKE,
     AS_ONE,
     DISTORTED,
-    EDGE,
-    FACE,
-    JUMP,
+    INWARD,
     LEAST,
     NOISY,
-    SHAPE,
     UNTOLD,
     WHOLE,
     distorted,
     distorted_as_one,
-    facing,
     grain,
     hidden_by_grain,
-    outlines,
-    shape,
-    told_of_parts,
     unknown_camera,
 )
+from pmpnbp.readout.pixel_information import ALIKE, EDGE, FACE, JUMP, Stretch, facing, outlines, told_of_parts
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.depth_noise import SHARED
 from pmpnbp.scene.observation import OUTSIDE, SUPPORT
+from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
 
@@ -198,11 +193,11 @@ def by_one_view(told: Array, steps: Array) -> list[tuple[Array, Array]]:
 def test_it_is_the_covariance_of_a_fit_to_parts_that_are_off(name: str, rng: np.random.Generator) -> None:
     model = OBJECTS[name]
     mrf = fields.build(model)
-    told, astray = some_told(rng, mrf.nodes), rng.uniform(0.0, 1e-3, mrf.nodes)
+    told = some_told(rng, mrf.nodes)
     root = worlds.at(0.3, -0.2, 0.1, *rng.uniform(-1, 1, 3))
     parts, steps = moved_parts(model, root, rng.uniform(model.lower, model.upper))
     designs, weights = [], []
-    for node, (radius, own) in enumerate(zip(mrf.radii, astray, strict=True)):
+    for node, radius in enumerate(mrf.radii):
         here = parts[0, 0, node]
         columns = []
         for there in parts[0, 1:, node]:
@@ -210,9 +205,9 @@ def test_it_is_the_covariance_of_a_fit_to_parts_that_are_off(name: str, rng: np.
             turn = poses.quaternion_multiply(there[3:], poses.quaternion_conjugate(here[3:]))
             columns.append(np.concatenate([middle, poses.to_rotation_vector(turn)]) / STEP)
         designs.append(np.array(columns).T)
-        besides = (own**2 + LEAST**2 + (WHOLE * radius) ** 2) * np.array([1.0, 1.0, 1.0, *[3 / radius**2] * 3])
+        besides = (LEAST**2 + (WHOLE * radius) ** 2) * np.array([1.0, 1.0, 1.0, *[3 / radius**2] * 3])
         weights.append(np.linalg.inv(np.linalg.inv(told[node]) + np.diag(besides)))
-    (found,) = hidden_by_grain(mrf, parts, steps, by_one_view(told, steps), astray)
+    (found,) = hidden_by_grain(mrf, parts, steps, by_one_view(told, steps))
     expected = np.linalg.inv(sum(d.T @ w @ d for d, w in zip(designs, weights, strict=True)))
     scale = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-4)
@@ -227,7 +222,7 @@ def test_the_end_of_a_chain_is_known_as_well_as_its_beginning() -> None:
     mrf, nodes = fields.build(model), len(model.parts)
     parts, steps = moved_parts(model, worlds.at(), np.full(model.dof, 0.2))
     told = np.tile(np.diag([1e6] * 3 + [1e6 * mrf.radii[0] ** 2 / 3] * 3), (nodes, 1, 1))
-    (found,) = hidden_by_grain(mrf, parts, steps, by_one_view(told, steps), np.zeros(nodes))
+    (found,) = hidden_by_grain(mrf, parts, steps, by_one_view(told, steps))
     slopes = (
         poses.transform_points(parts[0, 1:], mrf.centres) - poses.transform_points(parts[0, 0], mrf.centres)
     ) / STEP
@@ -250,7 +245,7 @@ def test_a_camera_whose_place_is_not_known_tells_as_much_as_least_squares_over_i
     first, second = some_told(rng, nodes), some_told(rng, nodes)
     unknown = unknown_camera(camera, stds, root[None], mrf.centres[0], parts.shape[1] - 1)
     known = by_one_view(first, steps)
-    (found,) = hidden_by_grain(mrf, parts, steps, [*known, (second[None], unknown)], np.zeros(nodes))
+    (found,) = hidden_by_grain(mrf, parts, steps, [*known, (second[None], unknown)])
     size = parts.shape[1] - 1
     expected = np.zeros((size + 6, size + 6))
     expected[size:, size:] = np.diag(stds**-2)
@@ -276,22 +271,22 @@ def test_a_camera_whose_place_is_not_known_tells_as_much_as_least_squares_over_i
     covariance = np.linalg.inv(expected)[:size, :size]
     scale = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(found / np.outer(scale, scale), covariance / np.outer(scale, scale), atol=1e-3)
-    (sharp,) = hidden_by_grain(mrf, parts, steps, [*known, *by_one_view(second, steps)], np.zeros(nodes))
+    (sharp,) = hidden_by_grain(mrf, parts, steps, [*known, *by_one_view(second, steps)])
     assert np.all(np.diag(found)[:3] > 1.05 * np.diag(sharp)[:3])
 
 
 def test_many_pixels_tell_more_but_not_without_end(rng: np.random.Generator) -> None:
-    """A block alone, of which no end of pixels tells, is off by a share of its radius and what it is off besides."""
+    """A block alone, of which no end of pixels tells, is off by a share of its radius."""
     model = worlds.articulated([], {"link0": worlds.block([0.3, 0.2, 0.1])})
     mrf = fields.build(model)
     parts, steps = moved_parts(model, worlds.at(), np.zeros(0))
-    told, astray = some_told(rng, 1), np.array([0.002])
+    told = some_told(rng, 1)
     stds = [
-        np.sqrt(np.diag(hidden_by_grain(mrf, parts, steps, by_one_view(share * told, steps), astray)[0])[:3])
+        np.sqrt(np.diag(hidden_by_grain(mrf, parts, steps, by_one_view(share * told, steps))[0])[:3])
         for share in (1.0, 4.0, 1e9)
     ]
     assert np.all(stds[0] > stds[1]) and np.all(stds[1] > stds[2])
-    np.testing.assert_allclose(stds[2], np.sqrt(0.002**2 + LEAST**2 + (WHOLE * mrf.radii[0]) ** 2), rtol=1e-3)
+    np.testing.assert_allclose(stds[2], np.sqrt(LEAST**2 + (WHOLE * mrf.radii[0]) ** 2), rtol=1e-3)
 
 
 def looked_at(eye: tuple[float, float, float], **settings: float) -> tuple[Problem, Array, Array]:
@@ -436,26 +431,165 @@ def test_smooth_errors_of_depth_let_the_object_be_nearer_or_farther(monkeypatch:
     np.testing.assert_allclose(moved - grained(wavy, root, joints), expected, atol=1e-6 * expected.max())
 
 
+def stretch_of(made: Problem, here: Array) -> Stretch:
+    axes = made.surfaces.axes_at_zero
+    return Stretch(origins=here[:, :3], axes=np.array([axes[n] @ poses.to_matrix(here[n])[:3, :3].T for n in range(3)]))
+
+
+def test_what_pixels_tell_of_scale_and_sizes_is_how_far_these_move_what_is_seen() -> None:
+    """Each pixel's surface is moved by one of them after the other, as it would appear to be."""
+    made, root, joints = looked_at((0.0, 0.0, 0.7), depth_scale_std=0.01, size_std=0.02)
+    (view,), here = made.observation.views, made.mrf.part_poses(root, joints)
+    camera, pose = view.camera, np.asarray(view.camera.pose_world_camera)
+    depth, number = render(camera, made.surfaces, here)
+    middles, shown = poses.transform_points(here, made.mrf.centres), depth > 0
+    of_scan = made.tolerance_end, 0.001, 1.0, BINNED
+    told = told_of_parts(camera, depth, number, shown, middles, *of_scan, stretch=stretch_of(made, here))
+    moved = []
+    for place in (0, 7, 8, 9):
+        offset = STEP * (np.arange(10) == place)
+        moved.append(nuisances.apparent(offset, 0, 1, pose, here, made.surfaces.axes_at_zero))
+
+    def row(y: int, x: int, direction: Array) -> Array:
+        """What is told of by a pixel that tells in a direction of the camera's frame."""
+        part, straight = number[y, x], poses.rotate(pose[3:], direction)
+        ray = np.array([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, 1.0])
+        point = poses.transform_points(pose, ray * depth[y, x])
+        local = poses.transform_points(poses.inverse(here[part]), point)
+        there = [maps[part, :9].reshape(3, 3) @ local + maps[part, 9:] for maps in moved]
+        rigid = np.concatenate([straight, np.cross(point - middles[part], straight)])
+        return np.append(rigid, [straight @ (one - point) / STEP for one in there])
+
+    expected, pixel = np.zeros_like(told), 1 / (camera.fx * np.sqrt(BINNED))
+    (ys, xs), across = outlines(depth, shown, made.tolerance_end)
+    for y, x, (right, down) in zip(ys, xs, across, strict=True):
+        away = (right * (x - camera.cx) / camera.fx + down * (y - camera.cy) / camera.fy) * -1
+        one = row(y, x, np.array([right, down, away]) / (EDGE * depth[y, x] * pixel))
+        expected[number[y, x]] += np.outer(one, one)
+    (ys, xs), normals = facing(camera, depth, number, shown)
+    for y, x, normal in zip(ys, xs, normals, strict=True):
+        z = float(depth[y, x])
+        one = row(y, x, normal * z / np.hypot(z * FACE * pixel, 0.001))
+        expected[number[y, x]] += np.outer(one, one)
+    size = np.sqrt(np.einsum("nii->ni", expected))
+    size = size[:, :, None] * size[:, None]
+    np.testing.assert_allclose(told / size, expected / size, atol=1e-6)
+    plain = told_of_parts(camera, depth, number, shown, middles, *of_scan)
+    np.testing.assert_allclose(told[:, :6, :6], plain, rtol=1e-12, atol=1e-9 * plain.max())
+
+
+def test_scale_and_sizes_are_part_of_the_fit_and_off_by_what_outlines_have_wrong() -> None:
+    """Least squares written out, over root, joints, a scale, sizes; then each of these is off, all else following."""
+    stds = np.array([0.01, 0.02, 0.02, 0.02])
+    made, root, joints = looked_at((0.0, 0.0, 0.7), depth_scale_std=0.01, size_std=0.02)
+    (view,), here = made.observation.views, made.mrf.part_poses(root, joints)
+    depth, number = render(view.camera, made.surfaces, here)
+    seen = shown(made, view, depth) & (view.category != SUPPORT) & (view.category != OUTSIDE)
+    middles, noise = poses.transform_points(here, made.mrf.centres), float(image_grain.noise_apart(made)[0])
+    told = told_of_parts(
+        view.camera,
+        depth,
+        number,
+        seen,
+        middles,
+        made.tolerance_end,
+        noise,
+        binned=BINNED,
+        stretch=stretch_of(made, here),
+    )
+    information = np.diag([*np.zeros(8), *stds**-2.0])
+    for node, radius in enumerate(made.mrf.radii):
+        columns = []
+        for place in range(12):
+            move, sizes = np.zeros(12), np.zeros(10)
+            move[place], sizes[7:] = STEP, STEP * (np.arange(9, 12) == place)
+            moved_root = poses.perturb(root, move[:3], move[3:6], made.mrf.centres[0])
+            there = made.part_poses(moved_root[None], (joints + move[6:8])[None], sizes[None])[0, node]
+            middle = poses.transform_points(there, made.mrf.centres[node]) - middles[node]
+            turn = poses.quaternion_multiply(there[3:], poses.quaternion_conjugate(here[node, 3:]))
+            own = np.arange(8, 12) == place
+            columns.append(np.concatenate([middle / STEP, poses.to_rotation_vector(turn) / STEP, own]))
+        design, besides = (
+            np.array(columns).T,
+            (LEAST**2 + (WHOLE * radius) ** 2) * np.array([1.0] * 3 + [3 / radius**2] * 3),
+        )
+        inner = np.linalg.inv(np.eye(10) + told[node] @ np.diag([*besides, *np.zeros(4)])) @ told[node]
+        information += design.T @ inner @ design
+    expected = np.linalg.inv(information)
+    reach = max(np.linalg.norm(middles - middles.mean(axis=0), axis=1) + made.mrf.radii)
+    off = np.minimum(INWARD * view.distance / view.camera.fx / reach, stds)
+    follows = expected[8:] / np.diag(expected)[8:, None]
+    expected += follows.T @ np.diag(off**2) @ follows
+    found, size = grained(made, root, joints), np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(found / size, expected / size, atol=2e-3)
+
+
+def test_where_a_further_camera_stands_hides_the_rest_and_is_hidden_itself() -> None:
+    """The rest as if it were told by a camera whose place is not known (above); where it stands as least squares over
+    the offset alone has it, once the rest is known."""
+    model, (root, joints) = worlds.cupboard(), worlds.cupboard_truth()
+    cameras = [worlds.camera_at(eye, root[:3] + [0, 0, 0.2]) for eye in ((0.0, 0.0, 0.7), (0.4, -0.8, 0.8))]
+    here, roi = model.part_poses(root, joints), np.array([*(root[:3] - 0.5), *(root[:3] + [0.5, 0.5, 0.8])])
+    observation = observe([worlds.scan(model, here, camera) for camera in cameras], roi, up=worlds.UP)
+    made = problems.build(model, observation, UniformPrior("upright"), worlds.settings(camera_std=0.005), particles=20)
+    middles, noise, stds = (
+        poses.transform_points(here, made.mrf.centres),
+        image_grain.noise_apart(made),
+        made.nuisance_std,
+    )
+    told = []
+    for place, view in enumerate(observation.views):
+        depth, number = render(view.camera, made.surfaces, here)
+        seen = shown(made, view, depth) & (view.category != SUPPORT) & (view.category != OUTSIDE)
+        of_scan = made.tolerance_end, float(noise[place]), 1.0, view.binned
+        told.append(told_of_parts(view.camera, depth, number, seen, middles, *of_scan))
+    parts, steps = moved_parts(model, root, joints)
+    offset_stds, given = nuisances.split(stds, 2)[1][1], observation.views[1].pose_world_scan
+    stands = replace(observation.views[1].camera, pose_world_camera=given)
+    unknown = unknown_camera(stands, offset_stds, root[None], made.mrf.centres[0], 8)
+    (expected,) = hidden_by_grain(made.mrf, parts, steps, [*by_one_view(told[0], steps), (told[1][None], unknown)])
+    found = grained(made, root, joints)
+    assert found.shape == (14, 14)
+    size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(found[:8, :8] / size, expected / size, atol=2e-3)
+    information = np.diag(offset_stds**-2.0)
+    for node, radius in enumerate(made.mrf.radii):
+        columns = []
+        for place in range(6):
+            offset = STEP * (np.arange(6) == place)
+            stood = poses.multiply(given, np.append(offset[:3], poses.from_rotation_vector(offset[3:])))
+            there = poses.multiply(given, poses.multiply(poses.inverse(stood), here[node]))
+            turn = poses.quaternion_multiply(there[3:], poses.quaternion_conjugate(here[node, 3:]))
+            shift = poses.transform_points(there, made.mrf.centres[node]) - middles[node]
+            columns.append(np.append(shift, poses.to_rotation_vector(turn)) / STEP)
+        besides = (LEAST**2 + (WHOLE * radius) ** 2) * np.diag([1.0, 1.0, 1.0, *[3 / radius**2] * 3])
+        design = np.array(columns).T
+        information += design.T @ np.linalg.inv(np.eye(6) + told[1][node] @ besides) @ told[1][node] @ design
+    known = np.linalg.inv(np.linalg.inv(found)[8:, 8:])
+    least = np.linalg.inv(information)
+    size = np.sqrt(np.outer(np.diag(least), np.diag(least)))
+    np.testing.assert_allclose(known / size, least / size, atol=2e-3)
+
+
 def test_a_free_depth_scale_lets_the_object_be_nearer_or_farther() -> None:
-    """By as much as outlines may be too far in or out, along the line of sight and in no other direction."""
+    """Nearly along the line of sight: along a ray to the outlines that hold the object."""
     fixed, root, joints = looked_at((0.0, 0.0, 0.7))
     free, _, _ = looked_at((0.0, 0.0, 0.7), depth_scale_std=0.01)
-    more = grained(free, root, joints) - grained(fixed, root, joints)
+    more = grained(free, root, joints)[:8, :8] - grained(fixed, root, joints)
     middles = poses.transform_points(fixed.mrf.part_poses(root, joints), fixed.mrf.centres)
     sight = middles.mean(axis=0) - [0.0, 0.0, 0.7]
     variances, axes = np.linalg.eigh(more[:3, :3])
-    np.testing.assert_allclose(variances[:2], 0.0, atol=1e-12)
-    np.testing.assert_allclose(abs(axes[:, 2] @ sight), np.linalg.norm(sight), rtol=1e-9)
+    np.testing.assert_allclose(variances[:2], 0.0, atol=0.02 * variances[2])
+    assert abs(axes[:, 2] @ sight) > 0.95 * np.linalg.norm(sight)
     assert 1e-3 < np.sqrt(variances[2]) < 5e-3
-    # a scale that is all but known is no farther off than it may be
+    # a scale that is all but known lets it be no farther off than that
     known, _, _ = looked_at((0.0, 0.0, 0.7), depth_scale_std=1e-5)
     least = grained(known, root, joints)[:3, :3] - grained(fixed, root, joints)[:3, :3]
-    np.testing.assert_allclose(np.sqrt(np.trace(least)), 1e-5 * np.linalg.norm(sight), rtol=1e-3)
+    assert np.sqrt(np.trace(least)) < 2 * 1e-5 * np.linalg.norm(sight)
 
 
 def test_parts_whose_sizes_are_free_are_known_less_well() -> None:
     fixed, root, joints = looked_at((0.0, 0.0, 0.7))
     free, _, _ = looked_at((0.0, 0.0, 0.7), size_std=0.02)
-    np.testing.assert_allclose(shape(free), SHAPE * 0.02 * free.mrf.radii)
-    assert not shape(fixed).any()
-    assert np.all(np.diag(grained(free, root, joints)) > 2 * np.diag(grained(fixed, root, joints)))
+    more = np.diag(grained(free, root, joints))[:8] / np.diag(grained(fixed, root, joints))
+    assert np.all(more > 1) and np.all(more[:3] > 9)

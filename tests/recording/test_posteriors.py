@@ -131,12 +131,14 @@ def test_it_is_kept_with_an_iteration_that_was_recorded_before(made: Made, tmp_p
 
 
 def test_draws_of_many_sizes_come_back(made: Made, tmp_path: Path, rng: np.random.Generator) -> None:
-    sizes = rng.normal(0, 0.02, (len(made[3].mode), 3))
-    path = recorded(tmp_path / "run.sqlite", (*made[:3], replace(made[3], drawn_sizes=sizes)))
+    sizes, stds = rng.normal(0, 0.02, (len(made[3].mode), 3)), np.linspace(0.0, 0.02, 10)
+    told = replace(made[3], drawn_sizes=sizes, nuisance_stds=stds)
+    path = recorded(tmp_path / "run.sqlite", (*made[:3], told))
     with Recording(path) as recording:
         found = recording.posterior(2)
     assert found is not None
     np.testing.assert_array_equal(found.drawn_sizes, sizes)
+    np.testing.assert_array_equal(found.nuisance_stds, stds)
 
 
 def test_a_recording_of_before_is_told_with_draws_that_are_made_again(made: Made, tmp_path: Path) -> None:
@@ -159,6 +161,8 @@ WRONG: dict[str, Alter] = {
     "another model's joints": lambda one: replace(one, drawn_joints=one.drawn_joints[:, :1]),
     "sizes of another count": lambda one: replace(one, drawn_sizes=np.zeros((len(one.mode), 2))),
     "draws turned inside out": lambda one: replace(one, drawn_sizes=np.full((len(one.mode), 3), -1.5)),
+    "deviations of other nuisances": lambda one: replace(one, nuisance_stds=np.zeros(3)),
+    "deviations below nought": lambda one: replace(one, nuisance_stds=np.full(10, -0.1)),
     "weights of more than one": lambda one: replace(one, log_weights=np.zeros_like(one.log_weights)),
     "one weight for all": lambda one: replace(one, log_weights=np.zeros(())),
     "a mode that is none": lambda one: replace(one, mode=one.mode + 7),

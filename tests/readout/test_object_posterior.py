@@ -18,7 +18,7 @@ from pmpnbp.inference.tree_estimate import configuration_scores
 from pmpnbp.readout import first_proposal, log_posterior
 from pmpnbp.readout.first_proposal import CELLS, STRIDE
 from pmpnbp.readout.image_grain import grain
-from pmpnbp.readout.object_posterior import ModeDraws, mode_draws
+from pmpnbp.readout.object_posterior import ModeDraws, drawn_nuisance_stds, mode_draws
 from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.depth_noise import SHARED
 from pmpnbp.scene.prior import GaussianPrior, UniformPrior
@@ -175,11 +175,10 @@ def test_what_is_known_beforehand_stays_known() -> None:
 
 def test_sizes_are_off_with_the_rest_by_what_outlines_have_wrong() -> None:
     """The draws of sizes are as wide as the image's grain leaves them, at least, less what chance makes of their
-    deviation: of fifty draws that count a deviation is less than half of what it is once in 10^9 times. Their middle is
-    that of the draws before they were stirred, and the centre of what is told."""
+    deviation: of fifty draws that count a deviation is less than half of what it is once in 10^9 times."""
     made = looked_at(UniformPrior("upright"), size_std=0.02)
     found = mode_draws(np.random.default_rng(3), made, ROOT, JOINTS)
-    hidden = np.sqrt(np.diag(grain(made, found.about)))[-3:]
-    assert found.nuisance_stds is not None and found.middle_nuisances is not None and hidden.min() > 5e-4
-    assert np.all(found.nuisance_stds[-3:] > 0.5 * hidden) and not found.nuisance_stds[:-3].any()
-    assert np.all(np.abs(found.middle_nuisances[-3:]) < 4 * found.nuisance_stds[-3:])
+    hidden, stds = np.sqrt(np.diag(grain(made, found.about)))[-3:], drawn_nuisance_stds(made, found)
+    assert stds is not None and found.middle_nuisances is not None and hidden.min() > 5e-4
+    assert np.all(stds[-3:] > 0.5 * hidden) and not stds[:-3].any()
+    assert np.all(np.abs(found.middle_nuisances[-3:]) < 4 * stds[-3:])

@@ -28,7 +28,7 @@ from pmpnbp.scene.observation import OUTSIDE, SUPPORT
 # depth, the mesh and what a pixel holds of another surface; for the rest see `pixel_information.py`. Outlines err alike
 # along an edge: what seems smaller by INWARD of a pixel at the object's rim is taken for farther off where a scale of
 # depth is free, and for smaller where sizes are. Set on even seeds of `benchmarks.belief`, docs/algorithm.md.
-NOISY, INWARD = 0.92, 0.065
+NOISY, INWARD = 0.92, 0.08
 # A part as a whole is off by so many metres and by so much of its radius, however many pixels tell of it.
 LEAST, WHOLE = 0.00007, 0.0002
 # A part is off on its own, and the object as one, by so many times the smooth error of depth that the scan's flat

@@ -150,6 +150,18 @@ def test_rivals_that_are_the_estimate_or_far_worse_are_no_modes(problem: Problem
     assert np.all(found.mode == 0) and np.exp(found.log_weights).sum() == pytest.approx(1.0)
 
 
+def fitted_report(problem: Problem, root: Array, joints: Array) -> tuple[Problem, IterationReport]:
+    """The problem with its nuisances fitted near a configuration, and the report of an iteration that ends there."""
+    _, made = run.begin(problem)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        root, joints, nuisances, _ = fitted(rng, problem, root, joints, problem.schedule(100), problem.tolerance_end)
+        problem = problem.taking(nuisances)
+    placed = problem.mrf.part_poses(root, joints)
+    last = {"iteration": 12, "stage": "belief propagation"}
+    return problem, replace(made, map_poses=placed, map_joints=joints, nuisances=nuisances, **last)
+
+
 def test_sizes_that_are_not_known_are_drawn_with_the_rest() -> None:
     """A cupboard 2 or 3 % larger and smaller than its model: every draw is one of some size, and where the parts are
     lies within the draws' spread. That their best explanation is off by more than four deviations has odds of a
@@ -164,14 +176,7 @@ def test_sizes_that_are_not_known_are_drawn_with_the_rest() -> None:
         particles=20,
         seed=5,
     )
-    _, made = run.begin(problem)
-    at, q = root, joints
-    for seed in range(3):
-        rng = np.random.default_rng(seed)
-        at, q, nuisances, _ = fitted(rng, problem, at, q, problem.schedule(100), problem.tolerance_end)
-        problem = problem.taking(nuisances)
-    placed = problem.mrf.part_poses(at, q)
-    told = replace(made, iteration=12, stage="belief propagation", map_poses=placed, map_joints=q, nuisances=nuisances)
+    problem, told = fitted_report(problem, root, joints)
     found = of_estimate(problem, told)
     assert found.drawn_sizes is not None and found.effective_sample_size > FEWEST_DRAWS
     one = int(found.even_draws(1)[0])
@@ -180,8 +185,9 @@ def test_sizes_that_are_not_known_are_drawn_with_the_rest() -> None:
         alone.part_poses(found.drawn_roots[one], found.drawn_joints[one]), found.drawn_joints[one]
     )
     np.testing.assert_allclose(found.link_poses(model)[one], expected, atol=1e-12)
-    covariances = spread(problem, found, at, q).covariances[:, :3, :3]
-    off = there.part_poses(root, joints)[:, :3] - placed[:, :3]
+    assert told.map_joints is not None
+    covariances = spread(problem, found, told.map_poses[0], told.map_joints).covariances[:, :3, :3]
+    off = there.part_poses(root, joints)[:, :3] - told.map_poses[:, :3]
     assert np.all(np.einsum("li,lij,lj->l", off, np.linalg.inv(covariances), off) < 16)
     assert np.sqrt(np.trace(covariances, axis1=1, axis2=2)).max() < 0.008
     # and so do the sizes that are told, and are told to be known
@@ -205,14 +211,7 @@ def test_where_a_further_camera_stands_is_told_in_the_frame_of_its_scan() -> Non
     assert all(view.turn > 0.1 for view in observation.views)
     settings = worlds.settings(camera_std=0.008)
     problem = problems.build(model, observation, UniformPrior("upright"), settings, particles=20, seed=5)
-    _, made = run.begin(problem)
-    at, q = root, joints
-    for seed in range(3):
-        rng = np.random.default_rng(seed)
-        at, q, nuisances, _ = fitted(rng, problem, at, q, problem.schedule(100), problem.tolerance_end)
-        problem = problem.taking(nuisances)
-    placed = problem.mrf.part_poses(at, q)
-    told = replace(made, iteration=12, stage="belief propagation", map_poses=placed, map_joints=q, nuisances=nuisances)
+    problem, told = fitted_report(problem, root, joints)
     found = estimate(problem, told, place(problem, told, of_estimate(problem, told)))
     assert [one.name for one in found.nuisances] == [f"camera/1/{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz")]
     for one, true in zip(found.nuisances, offset, strict=True):

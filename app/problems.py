@@ -26,6 +26,7 @@ MEDIA_TYPE = "application/problem+json"
 
 # Of what is wrong in a request, so many are told one by one.
 MOST_TOLD = 3
+NESTED_TOO_DEEPLY = "the body is not JSON that this server reads: its brackets are nested too deeply"
 
 _log = logging.getLogger("pmpnbp.server")
 
@@ -156,7 +157,7 @@ def _of_http_exception(request: Request, error: Exception) -> Response:
         detail = f"'{request.url.path}' does not take {request.method}; it takes {allowed}"
         return problem_response(HttpProblem(405, detail, headers={"Allow": allowed}))
     elif isinstance(error.__cause__, RecursionError):
-        detail = "the body is not JSON that this server reads: its brackets are nested too deeply"
+        detail = NESTED_TOO_DEEPLY
     return problem_response(HttpProblem(error.status_code, detail, headers=error.headers))
 
 

@@ -332,6 +332,10 @@ class Decision(BaseModel):
 
     session_id: str = Field(description="the session")
     iteration: int = Field(description="the iteration this is decided by")
+    outdated: bool = Field(
+        description="whether scans or settings have changed since this iteration; one that is asked for by its number "
+        "is decided by as it was"
+    )
     action: Literal["act", "look", "no_fit"] = Field(
         description="act where all asked links are certain, else look again; no_fit where the fit is not good"
     )

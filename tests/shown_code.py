@@ -16,8 +16,10 @@ SAMPLES = {
     "cabinet.urdf": CABINET / "cabinet.urdf",
     "depth.png": CABINET / "open" / "depth.png",
     "camera.json": CABINET / "open" / "camera.json",
-    "second.png": CABINET / "second_view" / "depth.png",
-    "second.json": CABINET / "second_view" / "camera.json",
+    "above.png": CABINET / "from_above" / "depth.png",
+    "above.json": CABINET / "from_above" / "camera.json",
+    "lowered.png": CABINET / "lowered" / "depth.png",
+    "lowered.json": CABINET / "lowered" / "camera.json",
 }
 
 

@@ -83,14 +83,16 @@ def _decided(
 ) -> dict[str, Any]:
     asked = [*snapshot.problem.mrf.model.links] if links is None else [*links]
     limit = snapshot.criteria.max_std if max_std is None else max_std
+    changed = session.archive.changed_since(snapshot.iteration)
     # what it was then, the iteration that is named still is; the newest may be another by now
-    outdated = iteration is None and session.archive.changed_since(snapshot.iteration)
+    outdated = iteration is None and changed
     blocking = asked if outdated else uncertain(snapshot, asked, limit)
     action, reason = ("look", _outdated(snapshot)) if outdated else _action(snapshot, blocking, limit)
     wanted = (action == "look" and not outdated) or views is not None
     return {
         "session_id": session.id,
         "iteration": snapshot.iteration,
+        "outdated": changed,
         "action": action,
         "reason": reason,
         "certain": not blocking,

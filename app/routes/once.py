@@ -10,7 +10,9 @@ from typing import Annotated, Any
 
 from fastapi import Depends, Header, Request
 from pydantic import BaseModel
+from pydantic_core import PydanticSerializationError
 
+from app.problems import NESTED_TOO_DEEPLY, HttpProblem
 from app.store.idempotency import Call, IdempotencyKeys, call_key
 
 SAFE_TO_REPEAT = "makes the call safe to repeat for a day: the same key and content give the same answer"
@@ -45,5 +47,8 @@ Once = Annotated[CallOnce, Depends(_call_once)]
 
 def _fingerprint(body: BaseModel | None) -> str:
     """Of what was said, not of what stands for what was left out: a `reset` tells the two apart."""
-    text = "{}" if body is None else body.model_dump_json(exclude_unset=True)
+    try:
+        text = "{}" if body is None else body.model_dump_json(exclude_unset=True)
+    except PydanticSerializationError:
+        raise HttpProblem(400, NESTED_TOO_DEEPLY) from None
     return hashlib.sha256(text.encode()).hexdigest()

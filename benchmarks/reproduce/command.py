@@ -8,6 +8,7 @@ from pathlib import Path
 
 from benchmarks.reproduce import convergence, occlusion, planning, push, robot
 from benchmarks.reproduce.experiment import Experiment, Options, make
+from pmpnbp.errors import RunError
 from pmpnbp.runs.run_log import NAME
 
 EXPERIMENTS: dict[str, Experiment] = {
@@ -21,6 +22,9 @@ EXPERIMENTS: dict[str, Experiment] = {
 
 def run(arguments: argparse.Namespace) -> None:
     """Make the experiment; say where its report is. Raises RunError."""
+    for option, of in (("all", "convergence"), ("urdf", "robot")):
+        if getattr(arguments, option) and arguments.experiment != of:
+            raise RunError(f"--{option} is for the experiment {of}, and {arguments.experiment} has no use for it")
     out = arguments.out or Path("out") / arguments.experiment
     options = Options(
         out,

@@ -124,7 +124,8 @@ def _file(name: Any, folder: Path, member: str) -> Path:
         came = "is a folder; expected a file" if path.is_dir() else "is not there"
     except (OSError, ValueError):  # longer than a path can be, or with a NUL in it
         came = "is no path"
-    raise ManifestError(f"{member} {name[:200]!r} {came}")
+    several = "; several are a list `scans`" if member == "scan" and ";" in name else ""
+    raise ManifestError(f"{member} {name[:200]!r} {came}{several}")
 
 
 def _source(value: Any, folder: Path, member: str) -> Source:

@@ -55,6 +55,8 @@ class Decision:
     max_std : metres, up to which a link is certain; links : those that were asked about; blocking : those that are not
     sight : what hides each of those, by link; None where it would cover no pixel
     views : where to look from next, best first; empty where to act
+    outdated : whether scans or settings have changed since `iteration`, which is decided by as it was where it was
+        asked for by its number
     """
 
     action: Literal["act", "look", "no_fit"]
@@ -66,6 +68,7 @@ class Decision:
     blocking: tuple[str, ...]
     sight: Mapping[str, Sight | None]
     views: tuple[View, ...]
+    outdated: bool
 
     @staticmethod
     def from_dict(members: Mapping[str, Any]) -> Decision:
@@ -80,6 +83,7 @@ class Decision:
             blocking=tuple(members["blocking"]),
             sight={name: _sight(entry) for name, entry in members["sight"].items()},
             views=tuple(_view(entry) for entry in members["views"]),
+            outdated=members["outdated"],
         )
 
 

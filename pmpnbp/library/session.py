@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from os import PathLike
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -19,22 +18,23 @@ from numpy.typing import NDArray
 from pmpnbp.errors import EstimateError, PriorError, RecordingError, ScanError, SettingError
 from pmpnbp.inference import run
 from pmpnbp.inference.arrival import SCAN_MODES, ScanMode, present
+from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.run import Step
 from pmpnbp.library.drawing import Drawing
 from pmpnbp.library.estimate import Estimate
-from pmpnbp.library.inputs import AnyPath, CameraSource, Model, load_model, load_scan, members_or_path
+from pmpnbp.library.inputs import AnyPath, CameraSource, Model, load_model, members_or_path
 from pmpnbp.library.iteration import Iteration
+from pmpnbp.library.scan_sources import ScanSource, scan_of, scans_of
 from pmpnbp.readout.checkpoint import Checkpoint, go_on
-from pmpnbp.readout.mixture import at_rest
+from pmpnbp.readout.mixture import read_out, rests_as
+from pmpnbp.readout.posterior import Posterior
 from pmpnbp.readout.snapshot import Criteria, Snapshot, snapshot
 from pmpnbp.recording import Change, Inputs, RecordingWriter, prepare
 from pmpnbp.scene.common_scene import check_views, one_frame
 from pmpnbp.scene.observation import Scan
-from pmpnbp.scene.truth_file import load_truth
+from pmpnbp.scene.truth_file import check_truth, load_truth
 from pmpnbp.settings import SessionOptions, changed, checked_option, preset
-
-ScanSource = Scan | AnyPath | NDArray[np.generic]
 
 
 class Session:
@@ -82,7 +82,7 @@ class Session:
         loaded = model if isinstance(model, Model) else load_model(model, triangles=asked.triangles)
         problem, inputs = prepare(
             loaded.path,
-            _scans(scans, camera),
+            scans_of(scans, camera),
             None if roi is None else _box(roi),
             members_or_path(prior, "prior", PriorError),
             asked,
@@ -92,6 +92,9 @@ class Session:
             known_model=loaded.object if loaded.triangles == asked.triangles else None,
         )
         known = None if truth is None else load_truth(Path(truth))
+        if known is not None:
+            model_of = problem.mrf.model
+            check_truth(known, model_of.links, [joint.name for joint in model_of.joints])
         self.iterations: int = 0 if iterations == 0 else checked_option("iterations", iterations)
         self._begin(problem, inputs, Criteria(max_std=checked_option("max_std", max_std), truth=known), recording)
 
@@ -100,7 +103,8 @@ class Session:
         self._first = self._inputs = inputs
         self._changes: list[Change] = []
         self._closed = False
-        self._read_out: Snapshot | None = None
+        self._rest: Step | None = None
+        self._read_out: tuple[IterationReport, Posterior | None] | None = None
         self._path = None if recording is None else Path(recording)
         self._writer = (
             None
@@ -145,7 +149,7 @@ class Session:
         scene that has moved on. Raises ScanError; nothing is changed then."""
         if mode not in SCAN_MODES:
             raise SettingError(f"mode is {mode!r:.60}; it can be {' or '.join(SCAN_MODES)}")
-        found = _scan(scan, camera)
+        found = scan_of(scan, camera)
         one_frame((self._problem.observation.frame_id, found.frame_id))
         self._apply(Change(self._newest.number, scan=found, mode=mode))
 
@@ -156,7 +160,8 @@ class Session:
 
         checkpoint : called now and then while the posterior is read out, which ends with what it raises
         """
-        return self._estimate(self._newest.snapshot, self._inputs.scans, checkpoint if posterior else None)
+        found, checked = self._newest.snapshot, checkpoint if posterior else None
+        return self._estimate(found, self._inputs.scans, self._told_from(self._step), checked)
 
     def close(self) -> None:
         """Finish the recording; no iteration is made any more. Raises RecordingError. A second call does nothing."""
@@ -198,11 +203,12 @@ class Session:
         if self._writer is not None:
             self._writer.write(step.report, step.state)
         self._elapsed += time.perf_counter() - began
-        self._step = step
-        scans = self._inputs.scans
+        self._step, scans = step, self._inputs.scans
+        if not (step.converged and self._rest and rests_as(self._problem, self._rest.report, step.report)):
+            self._rest = step if step.converged else None
         self._newest = Iteration(
             partial(self._snapshot, step, self._problem, self._elapsed),
-            partial(self._estimate, scans=scans, checkpoint=go_on),
+            partial(self._estimate, scans=scans, told_from=self._told_from(step), checkpoint=go_on),
             self._problem,
             step.report,
             step.converged,
@@ -211,23 +217,25 @@ class Session:
     def _snapshot(self, step: Step, problem: Problem, elapsed: float) -> Snapshot:
         return snapshot(problem, step.report, self._criteria, converged=step.converged, elapsed=elapsed)
 
-    def _estimate(self, found: Snapshot, scans: Sequence[Scan], checkpoint: Checkpoint | None) -> Estimate:
+    def _told_from(self, step: Step) -> IterationReport:
+        """What the newest step's posterior is read out from: where it came to rest, as long as it stays there."""
+        return (self._rest or step).report
+
+    def _estimate(
+        self, found: Snapshot, scans: Sequence[Scan], told_from: IterationReport, checkpoint: Checkpoint | None
+    ) -> Estimate:
         if checkpoint is not None:
-            found = self._with_posterior(found, checkpoint)
+            found = found.told(self._posterior(found.problem, told_from, checkpoint))
         return Estimate.from_dict(found.result, Drawing(found, scans[0], partial(self._recorded, found.iteration)))
 
-    def _with_posterior(self, found: Snapshot, checkpoint: Checkpoint) -> Snapshot:
-        """As long as the estimate stays at rest, its posterior does."""
-        before = self._read_out
-        known = before.placed.posterior if before is not None and before.problem is found.problem else None
-        if known is not None and not (found.converged and known.iteration <= found.iteration):
-            known = None
-        found = found.told(at_rest(found.problem, found.report, known, checkpoint))
-        posterior = found.placed.posterior
-        if posterior is not None and posterior is not known and self._writer is not None and not self._closed:
-            self._writer.keep(posterior)
-        self._read_out = found
-        return found
+    def _posterior(self, problem: Problem, report: IterationReport, checkpoint: Checkpoint) -> Posterior | None:
+        """The last one that was read out is kept."""
+        if self._read_out is None or self._read_out[0] is not report:
+            posterior = read_out(problem, report, checkpoint)
+            if posterior is not None and self._writer is not None and not self._closed:
+                self._writer.keep(posterior)
+            self._read_out = report, posterior
+        return self._read_out[1]
 
     # Changes
 
@@ -304,30 +312,6 @@ def estimate(
         for _ in session:
             pass
         return session.estimate()
-
-
-def _scans(
-    scans: ScanSource | Sequence[ScanSource], camera: CameraSource | Sequence[CameraSource] | None
-) -> list[Scan]:
-    """With the camera of each: none, one for all, or one each."""
-    sources, cameras = _listed(scans), _listed(camera)
-    if not sources:
-        raise ScanError("no scan was given; expected at least one")
-    if len(cameras) == 1:
-        cameras *= len(sources)
-    if len(cameras) != len(sources):
-        raise ScanError(f"{len(cameras)} cameras were given for {len(sources)} scans; expected one for all or for each")
-    return [_scan(source, of_it) for source, of_it in zip(sources, cameras, strict=True)]
-
-
-def _listed(given: Any) -> list[Any]:
-    """What is given as one or as several, as a list; what is neither is one, of which it is said where it is read."""
-    alone = isinstance(given, Scan | str | bytes | PathLike | Mapping | np.ndarray) or not isinstance(given, Iterable)
-    return [given] if alone else [*given]
-
-
-def _scan(source: ScanSource, camera: CameraSource | None) -> Scan:
-    return source if isinstance(source, Scan) else load_scan(source, camera)
 
 
 def _box(roi: Sequence[float] | NDArray[np.floating]) -> list[float]:

@@ -20,6 +20,9 @@ from pmpnbp.geometry import poses
 from pmpnbp.geometry.poses import Array
 from pmpnbp.settings import Settings
 
+# Shares and metres below which a nuisance is fixed: it moves nothing by a micrometre, and a prior as narrow is one that
+# no draws are found in.
+NEGLIGIBLE = 1e-6
 CAMERA_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
@@ -41,14 +44,18 @@ def levers(distances: Array, lengths: Array) -> Array:
 
 
 def prior_stds(settings: Settings, levers: Array, views: int) -> Array:
-    """(K,) standard deviations about 0 as the settings have them; 0 is fixed. A camera is turned as far as moves the
-    object by `camera_std`; the first camera is the one that the others are measured against."""
+    """(K,) standard deviations about 0 as the settings have them; 0 is fixed, and so is what is NEGLIGIBLE. A camera is
+    turned as far as moves the object by `camera_std`; the first is the one that the others are measured against."""
     stds = np.zeros(len(levers))
     scales, offsets, sizes = split(stds, views)
-    scales[:] = settings.depth_scale_std
-    offsets[1:] = settings.camera_std / split(levers, views)[1][1:]
-    sizes[:] = settings.size_std
+    scales[:] = _free(settings.depth_scale_std)
+    offsets[1:] = _free(settings.camera_std) / split(levers, views)[1][1:]
+    sizes[:] = _free(settings.size_std)
     return stds
+
+
+def _free(std: float) -> float:
+    return std if std >= NEGLIGIBLE else 0.0
 
 
 def split(nuisances: Array, views: int) -> tuple[Array, Array, Array]:

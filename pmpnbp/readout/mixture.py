@@ -82,13 +82,22 @@ def at_rest(
 ) -> Posterior | None:
     """The posterior of an iteration at rest: that of `before`, read out with the same problem, as long as the estimate
     has not moved since by what is rest. Raises what `checkpoint` does."""
-    if before is not None:
-        problem = problem.taking(report.nuisances)
-        root, joints = agreeing(problem, report)
-        moved = motions(problem, before.root, before.joints, root[None], joints[None])[0]
-        if moved <= problem.settings.converged_motion:
-            return before
+    if before is not None and _stays(problem, before.root, before.joints, report):
+        return before
     return read_out(problem, report, checkpoint)
+
+
+def rests_as(problem: Problem, before: IterationReport, report: IterationReport) -> bool:
+    """Whether what was read out at rest from the iteration of `before`, with the same problem, is a later one's."""
+    return _stays(problem, *agreeing(problem.taking(before.nuisances), before), report)
+
+
+def _stays(problem: Problem, root: Array, joints: Array, report: IterationReport) -> bool:
+    """Whether the estimate has not moved from (7,), (D,) by more than what is rest."""
+    problem = problem.taking(report.nuisances)
+    there = agreeing(problem, report)
+    moved = motions(problem, root, joints, there[0][None], there[1][None])[0]
+    return bool(moved <= problem.settings.converged_motion)
 
 
 def motions(problem: Problem, root: Array, joints: Array, roots: Array, others: Array) -> Array:

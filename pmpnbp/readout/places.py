@@ -21,6 +21,7 @@ from pmpnbp.inference.mrf import part_motions
 from pmpnbp.inference.problem import LONG_CHAIN, Problem
 from pmpnbp.inference.tree_estimate import polish
 from pmpnbp.inference.triple_moves import triple_moves
+from pmpnbp.potentials.nuisances import split
 from pmpnbp.readout.fit import assess
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.object_posterior import ModeDraws, misfit
@@ -83,8 +84,9 @@ def contenders(
     roots = np.concatenate([np.tile(own.root, (len(joints), 1)), own.draws.elsewhere.roots])
     joints = np.concatenate([joints, own.draws.elsewhere.joints])
     if report.rivals is not None:
-        roots = np.concatenate([report.rivals[:, :7], roots])
-        joints = np.concatenate([report.rivals[:, 7:], joints])
+        rivals = report.rivals[:, :7], report.rivals[:, 7:]
+        roots = np.concatenate([_scaled(problem, *rivals), roots])
+        joints = np.concatenate([rivals[1], joints])
     left = np.any(strayed(problem, own.root, own.joints, roots, joints) > reach, axis=1)
     roots, joints = roots[left], joints[left]
     score = log_posterior(problem, roots, joints)
@@ -102,6 +104,20 @@ def contenders(
         # what is another thing, or leaves the region that the estimate is in, is no place of this one
         if _shared(own.seen, seen) >= SHARED and (own.seen.outside_region or not seen.outside_region):
             yield root, q, seen, False
+
+
+def _scaled(problem: Problem, roots: Array, joints: Array) -> Array:
+    """(R, 7) root poses of rivals (R, 7), (R, D), which the search found with depths as they are, where their middles
+    are with the scales of depth that the problem takes: else none would come near an estimate that has followed these."""
+    if problem.nuisances is None:
+        return roots
+    views = problem.observation.views
+    scales = split(problem.nuisances, len(views))[0]
+    cameras = np.array([view.pose_world_scan[:3] for view in views])
+    middles = poses.transform_points(problem.mrf.part_poses(roots, joints), problem.mrf.centres).mean(axis=1)
+    # it appears at cameras + (1 + scales) * (middle - cameras), in the mean of the views
+    there = (middles + (scales[:, None] * cameras).mean(axis=0)) / (1 + scales.mean())
+    return np.concatenate([roots[:, :3] + there - middles, roots[:, 3:]], axis=1)
 
 
 def _turned_by_half(problem: Problem, joints: Array) -> Array:

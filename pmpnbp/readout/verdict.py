@@ -18,7 +18,8 @@ def verdict(result: Mapping[str, Any]) -> str:
     unsure = [name for name, link in links.items() if not link["certain"]]
     if not unsure:
         return f"Found: {result['fit_reason']}; all {len(links)} links are certain"
-    certain = f"{len(links) - len(unsure)} of {len(links)} links are certain"
+    count = len(links) - len(unsure)
+    certain = f"{count} of {len(links)} links {'is' if count == 1 else 'are'} certain"
     return f"Found: {result['fit_reason']}; {certain}, not {some_of(unsure)}"
 
 
@@ -35,9 +36,12 @@ def advice(result: Mapping[str, Any]) -> str:
     limit = f"{1000 * result['max_std']:g} mm"
     if not unsure:
         return f"Next: act; every link is known to {limit}"
+    act = "act on what is certain" if len(unsure) < len(result["links"]) else ""
     if not hidden:
-        return f"Next: act on what is certain, to {limit}; no look would tell how these are turned: {some_of(alike)}"
-    return f"Next: act on what is certain, or look again from where {some_of(hidden)} can be seen; {limit} is asked for"
+        told = f"no look would tell how these are turned: {some_of(alike)}"
+        return f"Next: {act}, to {limit}; {told}" if act else f"Next: {told}"
+    look = f"look again from where {some_of(hidden)} can be seen"
+    return f"Next: {act}, or {look}; {limit} is asked for" if act else f"Next: {look}; {limit} is asked for"
 
 
 def _looks_the_same(link: Mapping[str, Any]) -> bool:

@@ -57,8 +57,9 @@ def test_nothing_is_acted_on_that_a_change_has_outdated(client: httpx.Client, sh
     assert outdated["blocking"] == outdated["links"]
     told = client.get(f"{path}/estimate?wait=certain&timeout=600").json()
     assert (told["iteration"], told["outdated"]) == (iteration, True)
-    # what it was then it still is
-    assert client.get(f"{asked}&iteration={iteration}").json() == before
+    # what it was then it still is, and is said to be of before
+    assert before["outdated"] is False and outdated["outdated"] is True
+    assert client.get(f"{asked}&iteration={iteration}").json() == before | {"outdated": True}
     small.step(client, path, 1)
     assert "have changed" not in client.get(asked).json()["reason"]
     assert client.get(f"{path}/estimate").json()["outdated"] is False

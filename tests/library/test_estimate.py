@@ -123,15 +123,23 @@ def test_it_reads_well() -> None:
 @pytest.mark.parametrize(
     ("change", "advice"),
     [
-        ({}, "Next: act on what is certain, or look again from where base, tray can be seen; 2.5 mm is asked for"),
+        ({}, "Next: look again from where base, tray can be seen; 2.5 mm is asked for"),
+        (
+            {"links": {"base": LINK | {"certain": True}, "tray": LINK}},
+            "Next: act on what is certain, or look again from where tray can be seen; 2.5 mm is asked for",
+        ),
         ({"links": {"base": LINK | {"certain": True}}}, "Next: act; every link is known to 2.5 mm"),
         (
             {"links": {"base": LINK | {"doubts": ["alike", "expected_add", "elsewhere", "turned"]}}},
+            "Next: no look would tell how these are turned: base",
+        ),
+        (
+            {"links": {"base": LINK | {"doubts": ["alike"]}, "tray": LINK | {"certain": True}}},
             "Next: act on what is certain, to 2.5 mm; no look would tell how these are turned: base",
         ),
         (
             {"links": {"base": LINK | {"doubts": ["alike", "elsewhere"]}, "tray": LINK}},
-            "Next: act on what is certain, or look again from where tray can be seen; 2.5 mm is asked for",
+            "Next: look again from where tray can be seen; 2.5 mm is asked for",
         ),
         ({"fit": "doubtful"}, ADVICE),
         ({"fit": "none"}, ADVICE),

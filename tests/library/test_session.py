@@ -74,6 +74,42 @@ def test_stepping_gives_the_same_as_an_estimate_and_as_its_recording(estimated: 
         assert made[4].estimate().fit is not None and made[1].estimate().fit is None
 
 
+def test_what_is_asked_on_the_way_changes_nothing() -> None:
+    """As long as the estimate stays at rest its posterior is that of where it came to rest, whoever asked before."""
+    told = []
+    for ask in (False, True):
+        made = session(iterations=30)
+        for iteration in made:
+            if ask:
+                iteration.estimate()
+        for _ in range(3):
+            made.step()
+            if ask:
+                made.estimate()
+        told.append(members(made.estimate()))
+    straight = session(iterations=30)
+    straight.step(int(told[0]["iteration"]))
+    assert told[0] == told[1] == members(straight.estimate())
+    assert told[0]["posterior_iteration"] < told[0]["iteration"] - 2
+
+
+def test_a_scan_has_one_camera() -> None:
+    scan, camera = pmpnbp.load_scan(SCENE / "depth.png", SCENE / "camera.json"), SCENE / "camera.json"
+    with pytest.raises(pmpnbp.PmpnbpError, match="loaded with its own"):
+        pmpnbp.Session(MODEL, scan, camera=camera, roi=ROI, **SMALL)
+    with pytest.raises(pmpnbp.PmpnbpError, match="loaded with its own"):
+        session().add_scan(scan, camera)
+
+
+@pytest.mark.parametrize(("kind", "name"), [("links", "drawer9"), ("joints", "slid1")])
+def test_a_truth_of_what_the_model_does_not_have_is_refused(kind: str, name: str, tmp_path: Path) -> None:
+    truth = json.loads((SCENE / "truth.json").read_text())
+    truth[kind][name] = next(iter(truth[kind].values()))
+    (tmp_path / "truth.json").write_text(json.dumps(truth))
+    with pytest.raises(pmpnbp.PmpnbpError, match=f"{kind[:-1]} '{name}' of the truth is not in the model"):
+        session(truth=tmp_path / "truth.json")
+
+
 def test_an_iteration_tells_its_belief(estimated: tuple[pmpnbp.Estimate, Path]) -> None:
     with pmpnbp.open_recording(estimated[1]) as recorded:
         last = recorded[-1]

@@ -128,6 +128,14 @@ def observed(depth_scale: float, model: ArticulatedObject, at: Array) -> Observa
     return parts.observation(views)
 
 
+@pytest.mark.parametrize("name", ["depth_scale_std", "camera_std", "size_std"])
+def test_what_moves_nothing_is_fixed(name: str) -> None:
+    levers = nuisances.levers(np.array([1.5, 2.0]), np.array([0.3, 0.2, 0.2]))
+    none = dict.fromkeys(("depth_scale_std", "camera_std", "size_std"), 0.0)
+    for std, free in ((1e-155, False), (1e-8, False), (1e-5, True)):
+        assert nuisances.prior_stds(replace(Settings(), **none | {name: std}), levers, VIEWS).any() == free
+
+
 def test_names_levers_and_priors_go_with_the_values() -> None:
     """A settings' `camera_std` moves the object by as much, shifted or turned, and never the first camera."""
     names = nuisances.names(range(VIEWS))

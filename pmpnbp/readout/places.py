@@ -85,7 +85,7 @@ def contenders(
     joints = np.concatenate([joints, own.draws.elsewhere.joints])
     if report.rivals is not None:
         rivals = report.rivals[:, :7], report.rivals[:, 7:]
-        roots = np.concatenate([_scaled(problem, *rivals), roots])
+        roots = np.concatenate([scaled(problem, *rivals), roots])
         joints = np.concatenate([rivals[1], joints])
     left = np.any(strayed(problem, own.root, own.joints, roots, joints) > reach, axis=1)
     roots, joints = roots[left], joints[left]
@@ -106,9 +106,9 @@ def contenders(
             yield root, q, seen, False
 
 
-def _scaled(problem: Problem, roots: Array, joints: Array) -> Array:
+def scaled(problem: Problem, roots: Array, joints: Array) -> Array:
     """(R, 7) root poses of rivals (R, 7), (R, D), which the search found with depths as they are, where their middles
-    are with the scales of depth that the problem takes: else none would come near an estimate that has followed these."""
+    are with the scales of depth that the problem takes: none would else come near an estimate that follows these."""
     if problem.nuisances is None:
         return roots
     views = problem.observation.views
@@ -116,8 +116,8 @@ def _scaled(problem: Problem, roots: Array, joints: Array) -> Array:
     cameras = np.array([view.pose_world_scan[:3] for view in views])
     middles = poses.transform_points(problem.mrf.part_poses(roots, joints), problem.mrf.centres).mean(axis=1)
     # it appears at cameras + (1 + scales) * (middle - cameras), in the mean of the views
-    there = (middles + (scales[:, None] * cameras).mean(axis=0)) / (1 + scales.mean())
-    return np.concatenate([roots[:, :3] + there - middles, roots[:, 3:]], axis=1)
+    away = ((scales[:, None] * cameras).mean(axis=0) - scales.mean() * middles) / (1 + scales.mean())
+    return np.concatenate([roots[:, :3] + away, roots[:, 3:]], axis=1)
 
 
 def _turned_by_half(problem: Problem, joints: Array) -> Array:

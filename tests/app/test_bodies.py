@@ -71,6 +71,19 @@ def test_what_is_no_json_is_malformed(served: Any, content: bytes) -> None:
     detail(served.client.post("/api/v1/sessions", content=content, headers=JSON), 400)
 
 
+@pytest.mark.parametrize("depth", [200, 300, 900, 5000])
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [('"prior": {"kind": "gaussian", "link": "frame", "joints": ', "}"), ('"truth": {"links": ', "}")],
+)
+def test_brackets_however_deep_are_the_callers_fault(served: Any, depth: int, before: str, after: str) -> None:
+    """What is read is written once more for its fingerprint, which goes less deep than reading does."""
+    content = f'{{"model_id": "0", "scan_ids": ["0"], {before}{"[" * depth}{"]" * depth}{after}}}'
+    answer = served.client.post("/api/v1/sessions", content=content, headers={"Content-Type": "application/json"})
+    assert answer.status_code in (400, 404, 422), answer.text
+    assert answer.headers["Content-Type"] == "application/problem+json" and answer.json()["detail"]
+
+
 @pytest.mark.parametrize("kind", [None, "text/plain", "application/x-www-form-urlencoded", "application/jsonp"])
 def test_another_media_type_is_named(served: Any, kind: str | None) -> None:
     headers = {} if kind is None else {"Content-Type": kind}

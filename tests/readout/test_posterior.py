@@ -16,6 +16,7 @@ from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.confirmation import confirmation
 from pmpnbp.inference.nuisance_fit import fitted
 from pmpnbp.inference.problem import LONG_CHAIN, Problem
+from pmpnbp.potentials.nuisances import apparent
 from pmpnbp.readout import mixture, places
 from pmpnbp.readout.checkpoint import Checkpoint
 from pmpnbp.readout.estimate import estimate
@@ -196,6 +197,41 @@ def test_sizes_that_are_not_known_are_drawn_with_the_rest() -> None:
     stds, drawn = stands.nuisance_stds[-3:], found.drawn_sizes
     np.testing.assert_allclose(stds**2, weights @ drawn**2 - (weights @ drawn) ** 2, rtol=1e-6)
     assert np.all(np.abs(stands.problem.nuisances[-3:] - [0.02, -0.02, 0.03]) < 4 * stds) and stds.max() < 0.01
+
+
+def test_rivals_appear_where_they_were_found_whatever_the_scale_of_depth(rng: np.random.Generator) -> None:
+    """Their middles do, in the mean of the views; without a scale they stay."""
+    model, (root, joints) = worlds.cupboard(), worlds.cupboard_truth()
+    cameras = [worlds.camera_at(eye, root[:3] + [0, 0, 0.2]) for eye in ((0.0, 0.0, 0.7), (0.4, -0.8, 0.8))]
+    observation = worlds.seen(model, root, joints, cameras[0])
+    second = worlds.seen(model, root, joints, cameras[1])
+    both = replace(observation, views=(*observation.views, *second.views), showing=None)
+    roots = np.array([poses.multiply(root, at(yaw=turn)) for turn in (0.0, 1.5, 3.0)])
+    others = rng.uniform(model.lower, model.upper, (3, model.dof))
+    settings = worlds.settings(depth_scale_std=0.02, camera_std=0.0)
+    problem = problems.build(model, both, UniformPrior("upright"), settings, particles=20)
+    assert problem.nuisances is not None
+    values = problem.nuisances.copy()
+    np.testing.assert_array_equal(places.scaled(problem, roots, others), roots)
+    values[:2] = [0.02, -0.005]
+    found = places.scaled(problem.taking(values), roots, others)
+    before, after = (
+        poses.transform_points(model.part_poses(each, others), problem.mrf.centres).mean(axis=1)
+        for each in (roots, found)
+    )
+    seen = []
+    for view in range(2):
+        maps = apparent(
+            values,
+            view,
+            2,
+            both.views[view].pose_world_scan,
+            np.concatenate([after, np.tile(at()[3:], (3, 1))], axis=1)[:, None],
+            np.eye(3)[None],
+        )
+        seen.append(maps[:, 0, 9:])
+    np.testing.assert_allclose(np.mean(seen, axis=0), before, atol=1e-12)
+    assert np.linalg.norm(found[:, :3] - roots[:, :3], axis=1).min() > 0.005
 
 
 def test_where_a_further_camera_stands_is_told_in_the_frame_of_its_scan() -> None:

@@ -309,9 +309,10 @@ class Session(Source):
 
     def _change(self, config: dict[str, Any], labels: dict[str, Any]) -> None:
         self.archive.check()
-        if not config:
+        now = documents.present_config(self._document)
+        settings = documents.settings_of(documents.fold(now, config))
+        if settings == documents.settings_of(now):
             return self.label(labels)
-        settings = documents.settings_of(documents.fold(documents.present_config(self._document), config))
         self._apply({"config": config}, {"settings": settings}, labels)
 
     def _add_scan(self, scan_id: str, mode: ScanMode) -> None:

@@ -39,6 +39,18 @@ def test_a_decision_is_made_by_the_iteration_that_is_named(client: httpx.Client,
     problem(client.get(f"{rested}/decision?iteration={iteration + 1}"), 404, f"it has 0 to {iteration}")
 
 
+def test_a_setting_that_is_what_it_was_outdates_nothing(client: httpx.Client) -> None:
+    path = small.create(client)
+    client.post(f"{path}/run", json={"until": "converged"}).raise_for_status()
+    small.at_rest(client, path)
+    before = client.get(f"{path}/estimate").json()
+    in_use = client.get(path).json()["config"]
+    standing = {"size_std": 0.0, **dict(list(in_use.items())[:1])}
+    told = client.patch(path, json={"config": standing, "name": "the same"}).raise_for_status().json()
+    assert (told["name"], told["config"], told["converged"]) == ("the same", in_use, True)
+    assert client.get(f"{path}/estimate").json() == before and not before["outdated"]
+
+
 def test_nothing_is_acted_on_that_a_change_has_outdated(client: httpx.Client, shared: Served) -> None:
     path = small.create(client)
     client.post(f"{path}/run", json={"until": "converged"}).raise_for_status()

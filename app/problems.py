@@ -158,6 +158,10 @@ def _of_http_exception(request: Request, error: Exception) -> Response:
         return problem_response(HttpProblem(405, detail, headers={"Allow": allowed}))
     elif isinstance(error.__cause__, RecursionError):
         detail = NESTED_TOO_DEEPLY
+    elif isinstance(error.__cause__, UnicodeDecodeError):
+        detail = "the body is not JSON that this server reads: it is not text in UTF-8"
+    elif isinstance(error.__cause__, ValueError) and "digits" in str(error.__cause__):
+        detail = "the body is not JSON that this server reads: a number in it has thousands of digits"
     return problem_response(HttpProblem(error.status_code, detail, headers=error.headers))
 
 

@@ -71,6 +71,14 @@ def test_what_is_no_json_is_malformed(served: Any, content: bytes) -> None:
     detail(served.client.post("/api/v1/sessions", content=content, headers=JSON), 400)
 
 
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [(b'{"name": "\xe9"}', "not text in UTF-8"), (b'{"seed": %s}' % (b"9" * 4400), "thousands of digits")],
+)
+def test_what_is_wrong_with_text_that_is_no_json_is_said(served: Any, content: bytes, sentence: str) -> None:
+    assert sentence in detail(served.client.post("/api/v1/sessions", content=content, headers=JSON), 400)
+
+
 @pytest.mark.parametrize("depth", [200, 300, 900, 5000])
 @pytest.mark.parametrize(
     ("before", "after"),

@@ -22,7 +22,7 @@ from pmpnbp.inference.problem import LONG_CHAIN, Problem
 from pmpnbp.inference.tree_estimate import polish
 from pmpnbp.inference.triple_moves import triple_moves
 from pmpnbp.potentials.nuisances import split
-from pmpnbp.readout.fit import assess
+from pmpnbp.readout.fit import GOOD, assess
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.object_posterior import ModeDraws, misfit
 
@@ -174,7 +174,8 @@ def _others(
     joints: Array,
     score: Array,
 ) -> list[tuple[Array, Array, Confirmation]]:
-    """Things of the same kind among rivals (R, 7), (R, D), polished: a good fit each, that explains other pixels."""
+    """Things of the same kind among rivals (R, 7), (R, D), polished: a good fit each, or one that comes as near the
+    estimate's score as a mode and stands beside more, in a row; each explains other pixels."""
     middles, least = _middles(problem, roots, joints), APART * float(problem.mrf.radii.max())
     taken, found = [_middles(problem, own.root[None], own.joints[None])[0]], []
     for row in np.argsort(-score, kind="stable"):
@@ -189,7 +190,8 @@ def _others(
         plan = problem.schedule(report.iteration)
         places, q, _ = polish(rng, problem, roots[[row]], joints[[row]], plan, problem.tolerance_end, POLISH_ROUNDS)
         seen = confirmation(problem, places[0], q[0])
-        if _shared(own.seen, seen) < SHARED and assess(seen).verdict == "good":
+        alike = score[row] > own.nats - CLOSE * abs(own.nats) and seen.explained >= GOOD
+        if _shared(own.seen, seen) < SHARED and (alike or assess(seen).verdict == "good"):
             found.append((places[0], q[0], seen))
     return found
 

@@ -20,6 +20,7 @@ from pmpnbp.potentials.nuisances import apparent
 from pmpnbp.readout import mixture, places
 from pmpnbp.readout.checkpoint import Checkpoint
 from pmpnbp.readout.estimate import estimate
+from pmpnbp.readout.fit import assess
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.mixture import at_rest, of_estimate, read_out
 from pmpnbp.readout.object_posterior import draws_or_better
@@ -360,6 +361,33 @@ def test_a_read_out_that_was_ended_anywhere_comes_to_the_same_numbers_anew(probl
     assert anew is not None
     for name, values in posterior_arrays(anew).items():
         np.testing.assert_array_equal(values, whole[name])
+
+
+def test_one_of_a_row_is_another_one_like_it() -> None:
+    """Three cupboards, two of which stand side by side: of each of these the scan has surfaces that go on in the other,
+    which makes a fit doubtful, and yet it may be the one that is meant."""
+    model, (root, joints) = worlds.cupboard(), worlds.cupboard_truth()
+    roots = [poses.multiply(root, at(y=aside)) for aside in (0.5, -0.1, -0.51)]
+    camera = worlds.camera_at((0.0, 0.0, 0.7), root[:3] + [0.0, 0.0, 0.2], width=200, height=120)
+    scans = [worlds.scan(model, model.part_poses(each, joints), camera) for each in roots]
+    scan = replace(scans[0], depth=np.min([one.depth for one in scans], axis=0))
+    roi = np.array([*(root[:3] - [0.6, 1.2, 0.2]), *(root[:3] + [0.6, 1.2, 0.8])])
+    settings = worlds.settings()
+    made = problems.build(model, observe([scan], roi, up=worlds.UP), UniformPrior("upright"), settings, particles=20)
+    _, begun = run.begin(made)
+    told = replace(
+        begun,
+        iteration=12,
+        stage="belief propagation",
+        map_poses=made.mrf.part_poses(roots[0], joints),
+        map_joints=joints,
+        rivals=np.array([np.append(roots[1], joints)]),
+    )
+    other = assess(confirmation(made, roots[1], joints))
+    assert (other.verdict, "explained by nothing" in other.reason) == ("doubtful", True)
+    found = of_estimate(made, told)
+    assert found.fit.verdict == "good" and "as well another one like it" in found.fit.reason
+    assert not spread(made, found, roots[0], joints).certain(found, 0.01).any()
 
 
 def test_too_few_draws_that_count_or_a_bad_fit_are_nothing_to_build_on(problem: Problem) -> None:

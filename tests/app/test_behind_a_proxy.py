@@ -4,13 +4,14 @@ very Caddyfile is asked, with another address for the server and another port fo
 from __future__ import annotations
 
 import asyncio
+import random
 import shutil
 import socket
 import ssl
 import subprocess
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +32,7 @@ pytestmark = pytest.mark.skipif(CADDY is None, reason="caddy is not installed: n
 def proxy_of(served: Any, repository: Path, folder: Path) -> Iterator[tuple[str, ssl.SSLContext]]:
     """The address of a Caddy in front of the server, and what to trust it by."""
     assert CADDY is not None
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     text = (repository / "docs" / "deployment" / "Caddyfile").read_text(encoding="utf-8")
     assert text.count("pmpnbp:8080") == 1
     (folder / "Caddyfile").write_text(text.replace("pmpnbp:8080", f"127.0.0.1:{served.config.port}"), encoding="utf-8")
@@ -48,6 +47,16 @@ def proxy_of(served: Any, repository: Path, folder: Path) -> Iterator[tuple[str,
             yield f"https://localhost:{port}", ssl.create_default_context(cafile=str(root))
         finally:
             caddy.terminate()
+
+
+def free_port() -> int:
+    """Free at every address, where Caddy listens, and below those that the system gives to whoever asks: of these one
+    may be another test's connection a moment later."""
+    for port in random.sample(range(20_000, 32_000), 100):
+        with socket.socket() as free, suppress(OSError):
+            free.bind(("", port))
+            return port
+    raise AssertionError("of a hundred ports none is free")
 
 
 def listens(port: int, root: Path) -> bool:

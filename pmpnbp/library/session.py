@@ -93,8 +93,7 @@ class Session:
         )
         known = None if truth is None else load_truth(Path(truth))
         if known is not None:
-            model_of = problem.mrf.model
-            check_truth(known, model_of.links, [joint.name for joint in model_of.joints])
+            check_truth(known, problem.mrf.model)
         self.iterations: int = 0 if iterations == 0 else checked_option("iterations", iterations)
         self._begin(problem, inputs, Criteria(max_std=checked_option("max_std", max_std), truth=known), recording)
 

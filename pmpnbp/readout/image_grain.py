@@ -55,7 +55,7 @@ def grain(problem: Problem, place: Held) -> Array:
     for told, cameras, unknown in _of_views(problem, place, here, shared):
         moves = slopes.copy()
         moves[size:, :, :6] += cameras
-        seen += _seen(mrf, moves[None], [(told[None], (squared * unknown)[None])])[0]
+        seen += blunted(_of_coordinates(mrf, moves[None], told[None])[0], squared * unknown)
     found = _all_left(seen, size) / squared
     # what outlines have wrong along an edge goes into a scale and sizes, which all the rest follows
     follows = found[size:] / np.diag(found)[size:, None]
@@ -140,7 +140,8 @@ def _of_views(problem: Problem, place: Held, here: Array, shared: _Shared) -> It
         unknown = distorted_as_one(view.camera, view.distortion, middles[None], mrf.radii, place.part, size)[0]
         moved = np.zeros((len(free), mrf.nodes, 6))
         offsets = np.isin(free, numbers[camera])
-        moved[offsets] = camera_slopes(view.pose_world_scan, here, mrf.centres)[np.isin(numbers[camera], free)]
+        if offsets.any():
+            moved[offsets] = camera_slopes(view.pose_world_scan, here, mrf.centres)[np.isin(numbers[camera], free)]
         if unknown.any() or offsets.any():
             yield told, moved, unknown
         else:
@@ -254,7 +255,7 @@ def hidden_by_grain(mrf: Mrf, parts: Array, steps: Array, views: Sequence[tuple[
     """
     slopes, levers = _slopes(mrf, parts, steps)
     squared = levers[:, None, :] * levers[:, :, None]
-    seen = _seen(mrf, slopes, [(told, squared * unknown) for told, unknown in views])
+    seen = np.sum([blunted(_of_coordinates(mrf, slopes, told), squared * unknown) for told, unknown in views], axis=0)
     return _left(seen) / squared
 
 
@@ -268,12 +269,6 @@ def _slopes(mrf: Mrf, parts: Array, steps: Array) -> tuple[Array, Array]:
     # what moves nothing, or only by rounding
     levers: Array = np.where(reaches > 1e-6, reaches, 1.0)
     return slopes / levers[:, :, None, None], levers
-
-
-def _seen(mrf: Mrf, slopes: Array, views: Sequence[tuple[Array, Array]]) -> Array:
-    """(T, P, P) information of coordinates by whose slopes (T, P, N, R) parts are moved, of which `views` tell."""
-    found: Array = np.sum([blunted(_of_coordinates(mrf, slopes, told), unknown) for told, unknown in views], axis=0)
-    return found
 
 
 def _left(seen: Array) -> Array:

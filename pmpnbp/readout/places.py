@@ -114,7 +114,7 @@ def scaled(problem: Problem, roots: Array, joints: Array) -> Array:
     views = problem.observation.views
     scales = split(problem.nuisances, len(views))[0]
     cameras = np.array([view.pose_world_scan[:3] for view in views])
-    middles = poses.transform_points(problem.mrf.part_poses(roots, joints), problem.mrf.centres).mean(axis=1)
+    middles = _middles(problem, roots, joints)
     # it appears at cameras + (1 + scales) * (middle - cameras), in the mean of the views
     away = ((scales[:, None] * cameras).mean(axis=0) - scales.mean() * middles) / (1 + scales.mean())
     return np.concatenate([roots[:, :3] + away, roots[:, 3:]], axis=1)

@@ -36,12 +36,12 @@ def advice(result: Mapping[str, Any]) -> str:
     limit = f"{1000 * result['max_std']:g} mm"
     if not unsure:
         return f"Next: act; every link is known to {limit}"
-    act = "act on what is certain" if len(unsure) < len(result["links"]) else ""
+    some = len(unsure) < len(result["links"])
     if not hidden:
-        told = f"no look would tell how these are turned: {some_of(alike)}"
-        return f"Next: {act}, to {limit}; {told}" if act else f"Next: {told}"
-    look = f"look again from where {some_of(hidden)} can be seen"
-    return f"Next: {act}, or {look}; {limit} is asked for" if act else f"Next: {look}; {limit} is asked for"
+        act = f"act on what is certain, to {limit}; " if some else ""
+        return f"Next: {act}no look would tell how these are turned: {some_of(alike)}"
+    act = "act on what is certain, or " if some else ""
+    return f"Next: {act}look again from where {some_of(hidden)} can be seen; {limit} is asked for"
 
 
 def _looks_the_same(link: Mapping[str, Any]) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from pmpnbp.errors import ScanError
 from pmpnbp.geometry import poses
 from pmpnbp.names import some_of
+from pmpnbp.scene.articulated_object import ArticulatedObject
 from pmpnbp.scene.json_files import finite_number, read_object
 
 
@@ -23,9 +24,9 @@ def load_truth(path: Path) -> dict[str, Any]:
     return truth_of(read_object(path, "truth file", ScanError), f"truth file '{path.name}'")
 
 
-def check_truth(truth: Mapping[str, Any], links: Iterable[str], joints: Iterable[str]) -> None:
-    """ScanError where a truth names what a model of these links and joints does not have."""
-    for kind, known in (("link", [*links]), ("joint", [*joints])):
+def check_truth(truth: Mapping[str, Any], model: ArticulatedObject) -> None:
+    """ScanError where a truth names links or joints that the model does not have."""
+    for kind, known in (("link", model.links), ("joint", [joint.name for joint in model.joints])):
         if unknown := [name for name in truth[f"{kind}s"] if name not in known]:
             raise ScanError(f"{kind} '{unknown[0]:.60}' of the truth is not in the model; it has {some_of(known)}")
 

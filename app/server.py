@@ -9,12 +9,13 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import anyio.to_thread
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 
 from app import compiled_kernels, documentation, problems, warm_up
 from app.http.bodies import Bodies
 from app.http.connections import connections_for
 from app.http.head import Head
+from app.http.known_queries import only_known_queries
 from app.page_cookie import page_cookie
 from app.rate_limit import RateLimit, Traffic
 from app.routes import (
@@ -49,8 +50,8 @@ from app.viewer.views import Views
 from pmpnbp.pictures.pictures import Pictures
 from pmpnbp.version import version
 
-# In the order of the documentation.
-ROUTERS = (
+# In the order of the documentation: the calls, and what is asked for beside them.
+CALLS = (
     models.router,
     scans.router,
     sessions.router,
@@ -68,10 +69,8 @@ ROUTERS = (
     views.router,
     recordings.router,
     settings.router,
-    health.router,
-    start_page.router,
-    proxy.router,
 )
+BESIDE = health.router, start_page.router, proxy.router
 # Where a POST brings a file, which may be larger than JSON and is written to disk as it comes.
 UPLOADS = frozenset(f"/api/v1/{kind}" for kind in ("models", "scans", "recordings"))
 
@@ -110,7 +109,9 @@ def create_app(config: ServerConfig, parsers: Parsers | None = None) -> FastAPI:
     app.add_middleware(RateLimit, config=config, traffic=app.state.traffic)
     app.add_middleware(Headers)  # added last, so outermost: refusals carry them too
 
-    for router in ROUTERS:
+    for router in CALLS:
+        app.include_router(router, dependencies=[Depends(only_known_queries)])
+    for router in BESIDE:
         app.include_router(router)
     documentation.install(app)
     return app

@@ -13,7 +13,7 @@ from typing import Any
 
 from app.problems import HttpProblem
 from app.server_config import ServerConfig
-from app.sessions.document import Document, prepare
+from app.sessions.document import Document, criteria, prepare
 from app.sessions.memory_room import MemoryRoom
 from app.sessions.names import named
 from app.sessions.open_recordings import OpenRecordings
@@ -26,6 +26,7 @@ from app.sessions.worker import share_interpreter
 from app.store.idempotency import Call
 from app.store.store import Store
 from pmpnbp.errors import StorageError
+from pmpnbp.scene.truth_file import check_truth
 from pmpnbp.settings import SessionOptions
 
 # A session as it is asked for, where nothing is said.
@@ -183,6 +184,8 @@ class Sessions:
         document = named(document, self._store)
         with self._store.session_draft(document) as draft:
             problem, inputs = prepare(self._store, document)  # what it is made of cannot be deleted meanwhile
+            if (truth := criteria(document).truth) is not None:
+                check_truth(truth, problem.mrf.model)
             id = draft["id"]
             try:
                 self._room.claim(id, problem)

@@ -161,3 +161,28 @@ def test_what_a_page_asks_for_may_be_kept_for_good_and_nothing_else(shared: Any)
     for path in ("/static/style.css", "/static/0123456789ab/style.css"):
         answer = shared.client.get(path)
         assert answer.status_code == 200 and "immutable" not in answer.headers["cache-control"], path
+
+
+def test_a_query_parameter_that_a_call_does_not_know_is_refused(shared: Any, known: dict[str, str]) -> None:
+    document = shared.client.get("/openapi.json").json()
+    names = defaultdict(lambda: "1", known)
+    calls = [
+        (
+            method,
+            path.format_map(names),
+            [one["name"] for one in operation.get("parameters", ()) if one["in"] == "query"],
+        )
+        for path, operations in document["paths"].items()
+        for method, operation in operations.items()
+        if path.startswith("/api/v1/") and "requestBody" not in operation
+    ]
+    assert len(calls) > 30
+    for method, path, its in calls:
+        told = detail(shared.client.request(method, path, params={"maxstd": "0.001"}), 422)
+        assert told.startswith("'maxstd' is no query parameter; "), (method, path)
+        assert all(name in told for name in its), (method, path)
+
+
+def test_whoever_only_looks_whether_the_server_is_there_may_ask_what_they_like(shared: Any) -> None:
+    for path in ("/healthz", "/readyz", "/metrics", "/"):
+        assert shared.client.get(path, params={"_": "1"}).status_code == 200, path

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import httpx
+import numpy as np
 import pytest
 
 from app.sessions.run_queue import RunQueue
@@ -156,6 +157,8 @@ def test_a_waiting_one_hears_what_it_is_told(client: httpx.Client, model_id: str
         ({"roi": [0, 0, 0, 1, 1, "1"]}, 422, "roi[5] in the body: input should be a valid number, not '1'"),
         ({"name": "two\r\nlines"}, 422, "name in the body: it has the character U+000D"),
         ({"truth": {"links": {"frame": [1, 2]}}}, 422, "link 'frame' of the truth has no 4x4 matrix"),
+        ({"truth": {"links": {"frme": np.eye(4).tolist()}}}, 422, "link 'frme' of the truth is not in the model"),
+        ({"truth": {"links": {}, "joints": {"slide9": 0.1}}}, 422, "joint 'slide9' of the truth is not in the model"),
         ({"colour": "red"}, 422, "colour in the body"),
     ],
 )

@@ -2,7 +2,8 @@
 
 A cabinet shows the same box from its front, its back and its sides; a laptop that stands like a tent shows the same two
 plates when base and lid change places. From one to the other no small move leads, so they are proposed outright: turned
-by quarters about the root part's middle or the object's, and with one part laid where another of about its size was.
+by quarters about the root part's middle or the object's, as it is or shut, and with one part laid where another of
+about its size was.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pmpnbp.inference.belief import FLIP
 from pmpnbp.inference.hypotheses import Hypotheses, Proposals, walk
 from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores
+from pmpnbp.potentials.unary import render
 from pmpnbp.settings import Schedule
 
 # Places near each that are tried, as a front is not where the back was; how far they are turned, in the diffusion's
@@ -34,7 +36,14 @@ def look_alikes(
     rng: np.random.Generator, problem: Problem, finalists: Hypotheses, plan: Schedule, most: int
 ) -> Hypotheses:
     """At most `most` hypotheses that look like one of the finalists, those with the best whole-object scores."""
-    places = np.concatenate([_quarter_turns(problem, finalists), *_exchanged(rng, problem, finalists)])
+    middles = poses.transform_points(finalists.part_poses, problem.mrf.centres)
+    turns = _quarter_turns(problem, finalists, middles[:, 0])
+    rest, at_rest = _at_rest(problem, finalists, turns)
+    others = [_quarter_turns(problem, finalists, middles.mean(axis=1)), *_exchanged(rng, problem, finalists)]
+    places = np.concatenate([at_rest, turns, *others])
+    parent = np.arange(len(places)) % len(finalists.roots)
+    joints = finalists.joints[parent]
+    joints[: len(at_rest)] = rest
     noise = rng.standard_normal((len(places) * PLACES, 6))
     near = poses.perturb(
         np.repeat(places, PLACES, axis=0),
@@ -42,12 +51,11 @@ def look_alikes(
         ROTATION * plan.diffusion_rotation * noise[:, 3:],
         problem.mrf.centres[0],
     )
-    parent = np.repeat(np.arange(len(places)) % len(finalists.roots), PLACES)
     proposals = Proposals(
         roots=near,
-        joints=finalists.joints[parent],
+        joints=np.repeat(joints, PLACES, axis=0),
         source=np.full(len(near), FLIP, dtype=np.uint8),
-        ancestor=finalists.ancestor[parent],
+        ancestor=np.repeat(finalists.ancestor[parent], PLACES),
         held=np.zeros(len(near), dtype=np.int64),
     )
     tried = walk(rng, problem, proposals, plan)
@@ -84,17 +92,37 @@ def turning_axes(problem: Problem, roots: Array) -> list[Array]:
     return [np.broadcast_to(problem.observation.up, (len(roots), 3))]
 
 
-def _quarter_turns(problem: Problem, finalists: Hypotheses) -> Array:
-    """Roots (T P, 7): P finalists after each of T turns."""
-    middles = poses.transform_points(finalists.part_poses, problem.mrf.centres)
+def _quarter_turns(problem: Problem, finalists: Hypotheses, centre: Array) -> Array:
+    """Roots (T P, 7): P finalists after each of T turns about points (P, 3)."""
     return np.concatenate(
         [
             turned(finalists.roots, centre, axis, quarters)
-            for centre in (middles[:, 0], middles.mean(axis=1))
             for axis in turning_axes(problem, finalists.roots)
             for quarters in (1, 2, 3)
         ]
     )
+
+
+def _at_rest(problem: Problem, finalists: Hypotheses, turns: Array) -> tuple[Array, Array]:
+    """Joints (D,) at rest, and roots (T P, 7), those of the P finalists after each of T turns, moved to or fro until
+    the object with these joints is as far from the cameras as the finalist is, in the median of the pixels that show
+    both: a door that was thought open, out of sight behind, is the front when shut, and no front is where the back was.
+    """
+    mrf, surfaces, count = problem.mrf, problem.surfaces, len(finalists.roots)
+    rest: Array = np.clip(0.0, mrf.model.lower, mrf.model.upper)
+    roots = turns.copy()
+    for view in problem.observation.views:
+        before = [render(view.camera, surfaces, parts)[0] for parts in finalists.part_poses]
+        away = poses.transform_points(roots, mrf.centres[0]) - view.pose_world_scan[:3]
+        if not problem.any_orientation:
+            away -= (away @ problem.observation.up)[:, None] * problem.observation.up
+        away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+        for row, parts in enumerate(mrf.part_poses(roots, np.tile(rest, (len(roots), 1)))):
+            was, depth = before[row % count], render(view.camera, surfaces, parts)[0]
+            both = (was > 0) & (depth > 0)
+            if both.any():
+                roots[row, :3] += np.median(was[both] - depth[both]) * away[row]
+    return rest, roots
 
 
 def _exchanged(rng: np.random.Generator, problem: Problem, finalists: Hypotheses) -> list[Array]:

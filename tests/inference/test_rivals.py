@@ -101,6 +101,30 @@ def test_look_alikes_come_best_first_and_no_more_than_asked(scene: Problem) -> N
     assert rivals._exchanged(np.random.default_rng(0), upright, held) == []
 
 
+def test_a_shut_door_is_laid_where_the_back_was(rng: np.random.Generator) -> None:
+    """A box whose door is shut, taken for its back with the door out of sight: turned by half, and shut, it is where
+    it is."""
+    hinge = Joint("hinge", "revolute", "link0", "link1", worlds.at(-0.16, -0.15), worlds.Z, 0.0, 2.0, (0,))
+    door = worlds.block([0.04, 0.3, 0.4], worlds.at(y=0.15))
+    model = worlds.articulated([hinge], {"link0": worlds.block([0.28, 0.3, 0.4]), "link1": door})
+    truth = worlds.at(1.2, yaw=0.2)
+    problem = problems.build(
+        model, worlds.seen(model, truth, np.zeros(1)), UniformPrior("upright"), worlds.settings(), particles=4
+    )
+    turn = poses.from_rotation_vector(np.array([0.0, 0.0, np.pi + 0.2]))
+    back = truth[:3] - 0.04 * np.array([np.cos(0.2), np.sin(0.2), 0.0])  # its back where the door is
+    held = worlds.hypotheses(problem, np.concatenate([back, turn])[None], np.array([[1.2]]))
+    turns = rivals._quarter_turns(problem, held, poses.transform_points(held.part_poses, problem.mrf.centres)[:, 0])
+    rest, found = rivals._at_rest(problem, held, turns)
+    np.testing.assert_array_equal(rest, [0.0])
+    assert np.linalg.norm(turns[1, :3] - truth[:3]) > 0.035
+    assert np.linalg.norm(found[1, :3] - truth[:3]) < 0.015  # not sideways, which the front does not tell
+    assert poses.rotation_angle(found[1, 3:], truth[3:]) < 1e-6
+    alike = rivals.look_alikes(rng, problem, held, problem.schedule(problem.search_iterations), 4)
+    right = np.linalg.norm(alike.roots[:, :3] - truth[:3], axis=1) < 0.02
+    assert (right & (np.abs(alike.joints[:, 0]) < 0.1)).any()
+
+
 def test_the_search_tells_the_plates_apart(scene: Problem) -> None:
     """4 mm are what tells them apart; from whichever way the search comes, at 5 seeds of 6 at least."""
     right = 0

@@ -43,6 +43,8 @@ from pmpnbp.scene.prior import GaussianPrior
 
 # Modes are told at most, and what weighs less than this is none.
 MODES, LEAST_WEIGHT = 6, 1e-4
+# Share of a mode's draws that are of another one, which it then is.
+SAME = 0.5
 # Draws that are more nats better than the place they were drawn about are drawn about the best of them, so many times;
 # where nuisances are free, which the place does not take over, they may be better by those alone. And a middle that is
 # as much worse is none.
@@ -70,7 +72,7 @@ def of_estimate(problem: Problem, report: IterationReport, checkpoint: Checkpoin
     for root, joints, seen, apart in contenders(rng, problem, report, own, reaches[0]):
         if len(places) < MODES and _is_new(problem, places, reaches, root, joints):
             place = _drawn_about(rng, problem, report, root, joints, seen, checkpoint, known=places, apart=apart)
-            if place is not None:
+            if place is not None and not _drawn_in(problem, places, reaches, place):
                 places.append(place)
                 reaches.append(mode_reach(problem, place))
     checkpoint()
@@ -112,6 +114,16 @@ def _is_new(
     """Whether a configuration (7,), (D,) is of none of the modes, each of which has its reach, (N,) or of all parts."""
     return not any(
         np.all(strayed(problem, place.root, place.joints, root, joints) <= reach)
+        for place, reach in zip(places, reaches, strict=True)
+    )
+
+
+def _drawn_in(problem: Problem, places: Sequence[Place], reaches: Sequence[Array], found: Place) -> bool:
+    """Whether most of what is drawn about a place is of one of the modes, each of which has its reach (N,): it stood
+    on a ledge beside that, and its draws have left it."""
+    draws, weights = found.draws, np.exp(found.draws.log_weights)
+    return any(
+        np.all(strayed(problem, place.root, place.joints, draws.roots, draws.joints) <= reach, axis=1) @ weights > SAME
         for place, reach in zip(places, reaches, strict=True)
     )
 

@@ -25,7 +25,7 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import moved
 from pmpnbp.readout.expected_scan import PROBE, Probed, blocking_points, expected_scan, told_about, told_apart
 from pmpnbp.readout.mixture import coordinate_levers
-from pmpnbp.readout.posterior import Posterior
+from pmpnbp.readout.posterior import DOUBT, LONG, TURN, Posterior
 from pmpnbp.scene.articulated_object import parts_of_links
 from pmpnbp.settings import SessionOptions
 
@@ -35,6 +35,10 @@ DRAWS, EVERY = 40, 8
 WIDTH, HEIGHT, FIELD = 96, 72, np.deg2rad(60.0)
 # Candidates around the object: turns, and heights over its middle in shares of the distance; from no higher than this.
 TURNS, STEEP = 12, (0.25, 0.65)
+# Places of a link that are told: its origin, and of the part that it moves with the middle and three as far from that
+# as its surface is in the mean, about so much of the way to the rim; of a long part at least as far as a turn by which
+# nobody is certain moves by the deviation that is asked for.
+PLACES, OUT = 5, 0.5
 # Metres: what is known better is taken to be known so well.
 LEAST = 1e-5
 # Share of a coordinate's variance that the open ones explain where it follows them; less may be by chance.
@@ -92,7 +96,7 @@ def ranked(
     cost. max_std : metres, what is known to within it needs not be told. Of views that tell as much the cheaper one
     comes first, then the one that is expected to tell more beyond that, then that which turns the camera less."""
     model = problem.mrf.model
-    chosen = posterior.even_draws(DRAWS)
+    chosen = _chosen(posterior)
     near, is_open, following = _neighbourhoods(problem, posterior, chosen)
     roots, joints = _what_is_open(problem, posterior, chosen, following)
     parts, places = model.part_poses(roots, joints), _places(problem, roots, joints, links)
@@ -102,7 +106,7 @@ def ranked(
     middle, blocking = _middle(problem, posterior), blocking_points(problem, posterior.root, posterior.joints)
 
     def left(told: Array, neighbourhoods: NDArray[np.floating]) -> Array:
-        """(K, 2 A, 3, 3) covariances of places, were each draw the truth."""
+        """(K, PLACES A, 3, 3) covariances of places, were each draw the truth."""
         linear = np.einsum("tpac,tpq,tqad->tacd", slopes, neighbourhoods, slopes, optimize=True)
         return _mixed(np.exp(normalise(-told)), places) + np.repeat(linear, EVERY, axis=0)
 
@@ -131,14 +135,31 @@ def _in_order(problem: Problem, found: list[tuple[RankedView, float]]) -> list[R
     return [one for one, _ in sorted(found, key=key)]
 
 
+def _chosen(posterior: Posterior) -> NDArray[np.int64]:
+    """(DRAWS,) numbers of draws, each as often as it weighs, in the place of one of them one of each mode that weighs
+    so little that none would be, and yet keeps links from being certain."""
+    chosen = posterior.even_draws(DRAWS)
+    for number, mode in enumerate(posterior.modes):
+        if mode.weight > DOUBT and not np.any(posterior.mode[chosen] == number):
+            own = np.flatnonzero(posterior.mode == number)
+            commonest = np.bincount(posterior.mode[chosen]).argmax()
+            chosen[np.flatnonzero(posterior.mode[chosen] == commonest)[-1]] = own[posterior.log_weights[own].argmax()]
+    return chosen
+
+
 def _places(problem: Problem, roots: Array, joints: Array, links: Sequence[int]) -> Array:
-    """(K, 2 A, 3) of links in configurations (K, 7), (K, D): their origins, then the middles of the parts that they
-    move with: of a door whose origin is on its hinge only the latter moves."""
+    """(K, PLACES A, 3) of links in configurations (K, 7), (K, D): their origins, then the middles of the parts that
+    they move with, and three places off each of these: of a door whose origin is on its hinge the middle moves, of a
+    wrist that turns only what is off it."""
     model, part_of = problem.mrf.model, parts_of_links(problem.mrf.model)
     parts = model.part_poses(roots, joints)
     nodes = [part_of[model.links[link]] for link in links]
-    middles = poses.transform_points(parts[:, nodes], problem.mrf.centres[nodes])
-    return np.concatenate([model.link_poses(parts, joints)[:, list(links), :3], middles], axis=1)
+    middles = problem.mrf.centres[nodes]
+    sides = np.array([model.parts[node].extents for node in nodes])
+    off = np.maximum(OUT / 2 * np.linalg.norm(sides, axis=1), np.where(sides.max(axis=1) > LONG, 1 / TURN, 0.0))
+    offsets = [middles + off[:, None] * one for one in (np.zeros(3), *np.eye(3))]
+    found = [poses.transform_points(parts[:, nodes], offset) for offset in offsets]
+    return np.concatenate([model.link_poses(parts, joints)[:, list(links), :3], *found], axis=1)
 
 
 def _mixed(weights: Array, places: Array) -> Array:
@@ -154,12 +175,12 @@ def _diagonal(covariances: Array) -> Array:
 
 
 def _fall(before: Array, after: Array, least: float) -> float:
-    """Nats by which the entropies of A links' x, y and z fall, in the mean over I, from covariances (I, 2 A, 3, 3) of
-    `_places`, of which a link's one counts that falls more; each down to a deviation of `least` metres. Not along the
-    covariances' own axes: a link is certain by its deviations along the world's."""
+    """Nats by which the entropies of A links' x, y and z fall, in the mean over I, from covariances
+    (I, PLACES A, 3, 3) of `_places`, of which a link's one counts that falls most; each down to a deviation of `least`
+    metres. Not along the covariances' own axes: a link is certain by its deviations along the world's."""
     known, left = (np.maximum(np.diagonal(each, axis1=2, axis2=3), least**2) for each in (before, after))
     fall = np.maximum(0.5 * np.log(known / left).sum(axis=-1), 0.0)
-    nats = float(fall.reshape(len(fall), 2, -1).max(axis=1).sum(axis=1).mean())
+    nats = float(fall.reshape(len(fall), PLACES, -1).max(axis=1).sum(axis=1).mean())
     return nats if nats > ROUNDING else 0.0
 
 
@@ -214,7 +235,7 @@ def _probed(
     problem: Problem, posterior: Posterior, some: NDArray[np.int64], is_open: NDArray[np.bool_], links: Sequence[int]
 ) -> tuple[Probed, Array]:
     """The draws `some` (T,), moved in each coordinate, and strided in those that are open (M, 6 + D); and how far
-    `_places` of the links move for one unit of each, (T, 6 + D, 2 A, 3)."""
+    `_places` of the links move for one unit of each, (T, 6 + D, PLACES A, 3)."""
     roots, joints = posterior.drawn_roots[some], posterior.drawn_joints[some]
     steps, near_roots, near_joints = _moved(problem, roots, joints, PROBE)
     strides, far_roots, far_joints = _moved(problem, roots, joints, problem.tolerance_end)

@@ -14,6 +14,7 @@ from pmpnbp.inference import problem as problems
 from pmpnbp.inference import run
 from pmpnbp.inference.belief import IterationReport
 from pmpnbp.inference.confirmation import confirmation
+from pmpnbp.inference.held_part import Held
 from pmpnbp.inference.nuisance_fit import fitted
 from pmpnbp.inference.problem import LONG_CHAIN, Problem
 from pmpnbp.potentials.nuisances import apparent
@@ -23,7 +24,7 @@ from pmpnbp.readout.estimate import estimate
 from pmpnbp.readout.fit import assess
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.mixture import at_rest, of_estimate, read_out
-from pmpnbp.readout.object_posterior import draws_or_better
+from pmpnbp.readout.object_posterior import Better, ModeDraws, draws_or_better
 from pmpnbp.readout.particle_statistics import covariance
 from pmpnbp.readout.placement import place, standing
 from pmpnbp.readout.places import POLISH_ROUNDS
@@ -468,6 +469,28 @@ def test_a_rival_whose_draws_lead_back_to_a_mode_is_no_other(problem: Problem, m
     found = of_estimate(problem, report(problem, astray))
     assert len(drawn) > 2  # about the estimate, the rival, and where that led
     assert len(found.modes) == 1
+
+
+@pytest.mark.parametrize(("share", "modes"), [(0.6, 1), (0.4, 2)])
+def test_a_rival_most_of_whose_draws_are_of_a_mode_is_that_one(
+    problem: Problem, monkeypatch: pytest.MonkeyPatch, share: float, modes: int
+) -> None:
+    """It stood on a ledge beside the estimate's place, and its draws left that."""
+    astray = poses.multiply(ROOT, at(0.03, 0.0, 0.0, 0.02))
+    seen = confirmation(problem, astray, SHUT)
+    monkeypatch.setattr(mixture, "contenders", lambda *_: iter([(astray, SHUT, seen, False)]))
+
+    def drawn(rng: np.random.Generator, problem: Problem, root: Array, *given: Any) -> ModeDraws | Better:
+        if np.array_equal(root, ROOT):
+            return draws_or_better(rng, problem, root, *given)
+        own = draws_or_better(rng, problem, ROOT, *given)
+        assert isinstance(own, ModeDraws)
+        roots, left = own.roots.copy(), np.cumsum(np.exp(own.log_weights)) > share
+        roots[left] = astray
+        return replace(own, roots=roots, about=Held(problem.mrf, 0, astray, SHUT))
+
+    monkeypatch.setattr(mixture, "draws_or_better", drawn)
+    assert len(of_estimate(problem, report(problem)).modes) == modes
 
 
 def test_what_is_told_of_a_joint_lies_in_its_interval(problem: Problem) -> None:

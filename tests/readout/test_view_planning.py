@@ -19,6 +19,7 @@ from pmpnbp.readout.object_posterior import ModeDraws, mode_draws
 from pmpnbp.readout.posterior import ObjectMode, Posterior
 from pmpnbp.readout.view_planning import PlannedView, _neighbourhoods, _what_is_open, around, looking_at, ranked
 from pmpnbp.scene.observe import observe
+from pmpnbp.scene.parts import LinkSurface
 from pmpnbp.scene.prior import UniformPrior
 from tests.inference import small_worlds as worlds
 
@@ -197,9 +198,21 @@ def test_views_around_look_at_the_object_from_the_camera_s_distance(problem: Pro
         assert abs(right @ worlds.UP) < 1e-9  # level
 
 
-def test_a_thing_without_joints_that_may_be_turned_either_way_is_told_by_its_side() -> None:
-    """A block whose middle is beside its origin."""
-    model = worlds.articulated([], {"link0": worlds.block([0.3, 0.2, 0.2], worlds.at(0.05))})
+# A block beside its origin; and one whose foot and back have it in their middle, so that turned it only lies otherwise.
+BESIDE = worlds.block([0.3, 0.2, 0.2], worlds.at(0.05))
+FOOT, SEAT_BACK = (
+    worlds.block(size, worlds.at(x, z=z)) for size, x, z in (([0.3, 0.2, 0.02], 0, -0.09), ([0.1, 0.2, 0.2], 0.1, 0))
+)
+SEAT = LinkSurface(exact=(*FOOT.exact, *SEAT_BACK.exact))
+
+
+@pytest.mark.parametrize("weight", [0.5, 0.98])
+@pytest.mark.parametrize("surface", [BESIDE, SEAT], ids=["beside", "in the middle"])
+def test_a_thing_without_joints_that_may_be_turned_either_way_is_told_by_its_side(
+    surface: LinkSurface, weight: float
+) -> None:
+    """Also where that is so unlikely that no draw of forty is turned: nobody is certain of it then."""
+    model = worlds.articulated([], {"link0": surface})
     middle = np.array([1.4, 0.0, 0.3])
     root, turned = worlds.at(*middle), worlds.at(*middle, yaw=np.pi)
     camera = worlds.camera_at((0.0, 0.0, 0.3), middle)
@@ -210,14 +223,17 @@ def test_a_thing_without_joints_that_may_be_turned_either_way_is_told_by_its_sid
     roots = np.concatenate(
         [poses.perturb(each, 0.001 * rng.standard_normal((30, 3)), np.zeros((30, 3))) for each in (root, turned)]
     )
-    modes = tuple(ObjectMode(weight=0.5, root=each, joints=np.zeros(0)) for each in (root, turned))
+    weights = weight, 1 - weight
+    modes = tuple(
+        ObjectMode(weight=own, root=each, joints=np.zeros(0)) for own, each in zip(weights, (root, turned), strict=True)
+    )
     either = Posterior(
         iteration=9,
         root=root,
         joints=np.zeros(0),
         drawn_roots=roots,
         drawn_joints=np.zeros((60, 0)),
-        log_weights=np.full(60, -np.log(60)),
+        log_weights=np.log(np.repeat(weights, 30) / 30),
         mode=np.repeat([0, 1], 30),
         modes=modes,
         effective_sample_size=60.0,

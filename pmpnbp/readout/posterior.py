@@ -203,14 +203,14 @@ def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -
         joint_stds=np.sqrt(weights @ gap**2 / weights.sum()),
         joint_intervals=joints + intervals,
         moved=np.fmax(apart[DRAWS:], origins),
-        alike=_alike(model, posterior, at, modes)[:, node],
+        alike=alike_parts(model, posterior, at, modes)[:, node],
         round_turns=turn_agreement(surfaces, at, placed),
         turns=(turns(surfaces, at, placed) * [part.extents.max() > LONG for part in model.parts])[:, node],
         denied=np.isin(node, [below for one in posterior.denied(model) for below in moving(problem.mrf, one)]),
     )
 
 
-def _alike(model: ArticulatedObject, posterior: Posterior, at: Array, modes: Array) -> NDArray[np.bool_]:
+def alike_parts(model: ArticulatedObject, posterior: Posterior, at: Array, modes: Array) -> NDArray[np.bool_]:
     """(M, N): which parts are turned in the modes (M, N, 7) that count, but look the same as at `at` (N, 7)."""
     turned = poses.rotation_angle(at[:, 3:], modes[..., 3:]) > TURNED_AT_LEAST
     turned &= np.array([mode.counts for mode in posterior.modes])[:, None]

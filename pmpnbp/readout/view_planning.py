@@ -25,7 +25,7 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.registration import moved
 from pmpnbp.readout.expected_scan import PROBE, Probed, blocking_points, expected_scan, told_about, told_apart
 from pmpnbp.readout.mixture import coordinate_levers
-from pmpnbp.readout.posterior import DOUBT, LONG, TURN, Posterior
+from pmpnbp.readout.posterior import LONG, TURN, Posterior, alike_parts
 from pmpnbp.scene.articulated_object import parts_of_links
 from pmpnbp.settings import SessionOptions
 
@@ -99,10 +99,11 @@ def ranked(
     chosen = _chosen(posterior)
     near, is_open, following = _neighbourhoods(problem, posterior, chosen)
     roots, joints = _what_is_open(problem, posterior, chosen, following)
-    parts, places = model.part_poses(roots, joints), _places(problem, roots, joints, links)
+    offsets = _offsets(problem, posterior, links)
+    parts, places = model.part_poses(roots, joints), _places(problem, roots, joints, links, offsets)
     some = chosen[EVERY // 2 :: EVERY]
     around_some = near[posterior.mode[some]]
-    probed, slopes = _probed(problem, posterior, some, is_open, links)
+    probed, slopes = _probed(problem, posterior, some, is_open, links, offsets)
     middle, blocking = _middle(problem, posterior), blocking_points(problem, posterior.root, posterior.joints)
 
     def left(told: Array, neighbourhoods: NDArray[np.floating]) -> Array:
@@ -140,24 +141,34 @@ def _chosen(posterior: Posterior) -> NDArray[np.int64]:
     so little that none would be, and yet keeps links from being certain."""
     chosen = posterior.even_draws(DRAWS)
     for number, mode in enumerate(posterior.modes):
-        if mode.weight > DOUBT and not np.any(posterior.mode[chosen] == number):
+        if mode.counts and not np.any(posterior.mode[chosen] == number):
             own = np.flatnonzero(posterior.mode == number)
             commonest = np.bincount(posterior.mode[chosen]).argmax()
             chosen[np.flatnonzero(posterior.mode[chosen] == commonest)[-1]] = own[posterior.log_weights[own].argmax()]
     return chosen
 
 
-def _places(problem: Problem, roots: Array, joints: Array, links: Sequence[int]) -> Array:
-    """(K, PLACES A, 3) of links in configurations (K, 7), (K, D): their origins, then the middles of the parts that
-    they move with, and three places off each of these: of a door whose origin is on its hinge the middle moves, of a
-    wrist that turns only what is off it."""
+def _offsets(problem: Problem, posterior: Posterior, links: Sequence[int]) -> Array:
+    """(PLACES - 1, A, 3) in the frames of the parts that links move with: the middle, and three places off it, of a
+    part which looks the same turned otherwise its middle three times: no view tells that."""
+    model, part_of = problem.mrf.model, parts_of_links(problem.mrf.model)
+    nodes = [part_of[model.links[link]] for link in links]
+    sides = np.array([model.parts[node].extents for node in nodes])
+    off = np.maximum(OUT / 2 * np.linalg.norm(sides, axis=1), np.where(sides.max(axis=1) > LONG, 1 / TURN, 0.0))
+    at = model.part_poses(posterior.root, posterior.joints)
+    modes = np.array([model.part_poses(mode.root, mode.joints) for mode in posterior.modes])
+    off = np.where(alike_parts(model, posterior, at, modes)[:, nodes].any(axis=0), 0.0, off)
+    middles = problem.mrf.centres[nodes]
+    return np.array([middles + off[:, None] * one for one in (np.zeros(3), *np.eye(3))])
+
+
+def _places(problem: Problem, roots: Array, joints: Array, links: Sequence[int], offsets: Array) -> Array:
+    """(K, PLACES A, 3) of links in configurations (K, 7), (K, D): their origins, then those at `offsets` of the parts
+    that they move with: of a door whose origin is on its hinge the middle moves, of a wrist that turns only what is off
+    it."""
     model, part_of = problem.mrf.model, parts_of_links(problem.mrf.model)
     parts = model.part_poses(roots, joints)
     nodes = [part_of[model.links[link]] for link in links]
-    middles = problem.mrf.centres[nodes]
-    sides = np.array([model.parts[node].extents for node in nodes])
-    off = np.maximum(OUT / 2 * np.linalg.norm(sides, axis=1), np.where(sides.max(axis=1) > LONG, 1 / TURN, 0.0))
-    offsets = [middles + off[:, None] * one for one in (np.zeros(3), *np.eye(3))]
     found = [poses.transform_points(parts[:, nodes], offset) for offset in offsets]
     return np.concatenate([model.link_poses(parts, joints)[:, list(links), :3], *found], axis=1)
 
@@ -232,7 +243,12 @@ def _what_is_open(
 
 
 def _probed(
-    problem: Problem, posterior: Posterior, some: NDArray[np.int64], is_open: NDArray[np.bool_], links: Sequence[int]
+    problem: Problem,
+    posterior: Posterior,
+    some: NDArray[np.int64],
+    is_open: NDArray[np.bool_],
+    links: Sequence[int],
+    offsets: Array,
 ) -> tuple[Probed, Array]:
     """The draws `some` (T,), moved in each coordinate, and strided in those that are open (M, 6 + D); and how far
     `_places` of the links move for one unit of each, (T, 6 + D, PLACES A, 3)."""
@@ -248,7 +264,8 @@ def _probed(
         strides=np.where(is_open[posterior.mode[some]], strides, 0.0),
     )
     count = len(some) * (1 + steps.shape[1])
-    found = _places(problem, near_roots.reshape(count, 7), near_joints.reshape(count, joints.shape[1]), links)
+    flat = near_roots.reshape(count, 7), near_joints.reshape(count, joints.shape[1])
+    found = _places(problem, *flat, links, offsets)
     found = found.reshape(len(some), -1, *found.shape[1:])
     return probed, (found[:, 1:] - found[:, :1]) / steps[:, :, None, None]
 

@@ -2,7 +2,7 @@
 
 import { h, setContent } from "../session/dom.js";
 import { fineCentimetres, joint, jointEnds, largest, methodWord, percent } from "../session/format.js";
-import { VERDICTS, verdictOf } from "../start/query.js";
+import { verdictOf, verdictWord } from "../start/query.js";
 
 // The table's bodies: a title, and rows of a name and what stands in each session's column.
 function chapters(columns) {
@@ -12,7 +12,7 @@ function chapters(columns) {
     [
       "Found",
       [
-        row("verdict", ({ session }) => VERDICTS[verdictOf(session)]),
+        row("verdict", ({ session }) => verdictWord(session)),
         row("explained", ({ estimate }) => percent(estimate?.explained)),
         row("iteration", ({ session }) => String(session.iteration ?? "–")),
       ],

@@ -42,10 +42,16 @@ export const iterationQuery = (iteration) =>
 // To be put behind another; each name by itself, as it may have a comma.
 export const linksQuery = (links) => links.map((link) => `&links=${encodeURIComponent(link)}`).join("");
 
+// A page that nobody sees listens for so many milliseconds more: a browser has six connections to a server, for all pages.
+const UNSEEN = 3000;
+
 // Server-sent events that come back by themselves. `handlers` maps kinds to functions of the data; `opened` hears of each
-// connection, `lost` of each break that lasts, `refused` of an end that the server means.
+// connection, and whether the page rested before it, unseen; `lost` of each break that lasts, `refused` of an end that the
+// server means.
 export function listen(path, handlers, { opened, lost, refused }) {
   let source = null;
+  let rested = false;
+  let restTimer = null;
   let breakTimer = null;
   let retryTimer = null;
   let ended = false;
@@ -54,7 +60,8 @@ export function listen(path, handlers, { opened, lost, refused }) {
     source.onopen = () => {
       clearTimeout(breakTimer);
       breakTimer = null;
-      opened?.();
+      opened?.(rested);
+      rested = false;
     };
     for (const [kind, handler] of Object.entries(handlers)) {
       source.addEventListener(kind, (event) => event.data && handler(JSON.parse(event.data)));
@@ -70,11 +77,28 @@ export function listen(path, handlers, { opened, lost, refused }) {
     if (refused && (await refused())) return;
     if (!ended) open();
   };
-  open();
-  return () => {
-    ended = true;
+  const close = () => {
     clearTimeout(breakTimer);
     clearTimeout(retryTimer);
+    breakTimer = null;
     source.close();
+  };
+  const rest = () => {
+    rested = true;
+    close();
+  };
+  const seen = () => {
+    clearTimeout(restTimer);
+    if (document.hidden) restTimer = setTimeout(rest, UNSEEN);
+    else if (rested && source.readyState === EventSource.CLOSED) open();
+  };
+  document.addEventListener("visibilitychange", seen);
+  open();
+  seen();
+  return () => {
+    ended = true;
+    clearTimeout(restTimer);
+    document.removeEventListener("visibilitychange", seen);
+    close();
   };
 }

@@ -1,4 +1,5 @@
-// Why is a link not certain? The first of the server's reasons, in a sentence.
+// Why is a link not certain? The first of the server's reasons, in a sentence; that it may be elsewhere says more than that
+// its deviation is large, which it then is.
 
 import { degrees, fineCentimetres } from "./format.js";
 
@@ -18,5 +19,8 @@ const SENTENCES = {
 
 export function doubts(link, estimate) {
   if (link.certain) return "";
-  return link.doubts === null ? "told once the inference is at rest" : SENTENCES[link.doubts[0]](link, estimate);
+  if (link.doubts === null) return "told once the inference is at rest";
+  const [first] = link.doubts;
+  const told = first === "std_xyz" && link.doubts.includes("elsewhere") ? "elsewhere" : first;
+  return SENTENCES[told](link, estimate);
 }

@@ -10,6 +10,7 @@ const WIDTH = 348;
 const RADIUS = 11;
 const RING = 15;
 const AROUND = 2 * Math.PI * RING;
+const OPEN = 0.82; // share of a ring that has not closed, at the most: its round ends take more
 // Between two rows of a deep tree a letter that is so far beside a node lies under no ring.
 const CLEAR = 12;
 const LETTER = 5.5; // the width of an edge's letters there
@@ -144,7 +145,8 @@ function show() {
   for (const [name, { place, ring, disc, title, at, part }] of nodes) {
     const [std, certain] = belief(row, part, at);
     // full where certain; on the way there by the logarithm, from a tenth at 100 times the limit
-    const share = std === null ? 0 : Math.min(1, Math.max(0.06, 1 - Math.log10(std / maxStd()) / 2));
+    const most = certain ? 1 : OPEN;
+    const share = std === null ? 0 : Math.min(most, Math.max(0.06, 1 - Math.log10(std / maxStd()) / 2));
     const label = `${name}, ${certain ? "certain" : "not certain"}, standard deviation ${std === null ? "unknown" : fineCentimetres(std)}`;
     setAttributes(place, {
       "aria-pressed": String(state.view.part === name),

@@ -3,7 +3,7 @@
 
 import { startDerivedSession } from "./derived_session.js";
 import { button, byId, h, segments, setText } from "./dom.js";
-import { DEGREES, number, percent } from "./format.js";
+import { DEGREES, exact, number, percent } from "./format.js";
 import { state, subscribe, update } from "./state.js";
 import { changeView, choices, layers, legend } from "./view.js";
 
@@ -68,10 +68,21 @@ function ends(at, label) {
   return h("input", { ...attributes, on: { change: region } });
 }
 
-function region(event) {
+function region({ target }) {
+  if (target.value === "") return;
   const six = [...(state.view.region ?? state.session?.roi ?? [-0.5, -0.5, -0.5, 0.5, 0.5, 0.5])];
-  six[Number(event.target.dataset.at)] = Number(event.target.value) / 100;
-  changeView({ region: six });
+  const at = Number(target.dataset.at);
+  six[at] = Number(target.value) / 100;
+  const [low, high] = [six[at % 3], six[(at % 3) + 3]];
+  const ends = `from ${exact(low * 100)} to ${exact(high * 100)} cm`;
+  say(low < high ? "" : `The region’s ${AXES[at % 3]} would go ${ends}; expected the smaller number first.`);
+  if (low < high) changeView({ region: six });
+}
+
+let said = ""; // of numbers that make no region
+function say(text) {
+  if (text || (said && state.trouble === said)) update({ trouble: text });
+  said = text;
 }
 
 function show(showScan, showParticles) {

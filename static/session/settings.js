@@ -26,6 +26,7 @@ let told = Promise.resolve(); // of the change before, once it is answered
 
 export async function install() {
   for (const preset of ["robust", "paper"]) byId(`preset-${preset}`).addEventListener("click", () => send({ preset }));
+  byId("anew").addEventListener("input", () => setText(byId("anew-error"), ""));
   byId("anew").addEventListener("submit", (event) => {
     event.preventDefault();
     const [method, particles] = [byId("method").value, Number(byId("particle-count").value)];
@@ -36,7 +37,7 @@ export async function install() {
   const { settings, options } = await call("/api/v1/settings");
   entries = settings;
   const { low, high } = options.find((option) => option.name === "particles");
-  Object.assign(byId("particle-count"), { min: low, max: high });
+  for (const id of ["particle-count", "setup-particles"]) Object.assign(byId(id), { min: low, max: high });
   let group = null;
   for (const entry of entries) {
     if (STAGES[entry.name] || !group) {
@@ -64,8 +65,10 @@ function row(entry) {
         : entry.kind === "string"
           ? input.value
           : exact(Number(input.value) / factor);
-    if (input.value === "" && entry.kind !== "boolean") show();
-    else send({ [entry.name]: value }, error);
+    if (input.value === "" && entry.kind !== "boolean") {
+      wrong("");
+      input.value = number(inForce(entry)); // an empty field changes nothing
+    } else send({ [entry.name]: value }, wrong);
   };
   const ends = [entry.low, entry.high].map((end) => (end === null ? null : number(end)));
   const step = entry.kind === "integer" ? "1" : "any";
@@ -77,8 +80,12 @@ function row(entry) {
   input.setAttribute("aria-describedby", `${id}-help`);
   input.addEventListener("change", changed);
   const error = h("p", { class: "wrong", role: "alert", hidden: true });
+  const wrong = (text) => {
+    setText(error, text);
+    error.hidden = !text;
+  };
   const standard = typeof entry.default === "number" ? `${number(entry.default)} ${word}`.trim() : entry.default;
-  const reset = button("↺", () => send({ [entry.name]: entry.default }, error), {
+  const reset = button("↺", () => send({ [entry.name]: entry.default }, wrong), {
     class: "reset",
     "aria-label": `Reset ${entry.name} to ${standard}`,
     title: `reset to ${standard}`,
@@ -101,18 +108,20 @@ function row(entry) {
   return place;
 }
 
+const ofPaper = () => state.session.config?.preset === "paper";
+const inForce = (entry) => state.session.config?.[entry.name] ?? (ofPaper() ? entry.paper : entry.default);
+
 function show() {
   const session = state.session;
   if (!session) return;
-  const config = session.config ?? {};
-  const paper = config.preset === "paper";
+  const paper = ofPaper();
   byId("preset-robust").setAttribute("aria-pressed", String(!paper));
   byId("preset-paper").setAttribute("aria-pressed", String(paper));
   const fixed = isRecording() || isGone();
   byId("settings-fixed").hidden = !isRecording();
   for (const preset of ["robust", "paper"]) byId(`preset-${preset}`).disabled = fixed;
   for (const { entry, input, number, reset, place } of rows.values()) {
-    const value = config[entry.name] ?? (paper ? entry.paper : entry.default);
+    const value = inForce(entry);
     if (document.activeElement !== input || input.type === "checkbox") {
       if (input.type === "checkbox") input.checked = Boolean(value);
       else input.value = typeof value === "number" ? number(value) : value;
@@ -136,18 +145,14 @@ function fillAnew(method, particles) {
 
 // One change after the other: sent side by side they could come in another order than they were made in, and the answer to
 // an earlier one would take away what is wrong with a later one.
-function send(config, error = null) {
+function send(config, wrong = (trouble) => trouble && update({ trouble })) {
   told = told.then(async () => {
     try {
       const session = await call(sessionPath(state.id), { method: "PATCH", body: { config } });
       update({ session: { ...state.session, config: session.config } });
-      if (error) error.hidden = true;
+      wrong("");
     } catch (problem) {
-      if (!error) update({ trouble: problem.message });
-      else {
-        setText(error, problem.message);
-        error.hidden = false;
-      }
+      wrong(problem.message);
     }
   });
 }

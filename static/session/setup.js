@@ -25,6 +25,7 @@ let ahead = first ? whatStands().catch(() => null) : null;
 
 export function install() {
   byId("setup-run").addEventListener("click", run);
+  byId("setup").addEventListener("change", () => wrong("")); // it was about what was there before
   byId("setup-close").addEventListener("click", close);
   byId("setup-prior").addEventListener("change", (event) => changeView({ show: { prior: event.target.checked } }));
   byId("setup-open").addEventListener("click", open);
@@ -160,6 +161,9 @@ function members() {
   const numbers = { particles: byId("setup-particles").valueAsNumber, seed: byId("setup-seed").valueAsNumber };
   for (const [name, number] of Object.entries(numbers)) {
     if (!Number.isInteger(number)) throw new Error(`${name} is no whole number; expected one such as 400.`);
+    const { min, max, validity } = byId(`setup-${name}`);
+    const limits = max ? `from ${min} to ${max}` : `of at least ${min}`;
+    if (!validity.valid) throw new Error(`${name} is ${number}; expected a whole number ${limits}.`);
   }
   return {
     roi: view.show.region ? view.region : null,

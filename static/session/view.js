@@ -9,6 +9,7 @@ let queued = {};
 let sent = null; // on its way
 let closeEvents = null;
 let newest = {}; // answer or event that was applied
+let refused = ""; // why a change was, as it is told
 
 const path = () => `${sessionPath(state.id)}/views/${state.viewId}`;
 
@@ -43,9 +44,11 @@ export async function openView(first, opened) {
     `${path()}/events`,
     { view: applyAnswer },
     {
-      opened: () => {
+      opened: (rested) => {
+        const { revision } = newest;
         newest = {}; // a view that was forgotten counts anew
-        if (before) sendAll(); // the server may have forgotten the view, as after its restart, or had no room for it
+        if (before && rested) remind(revision);
+        else if (before) sendAll(); // the server may have forgotten the view, as after its restart, or had no room for it
         before = true;
       },
     },
@@ -53,8 +56,15 @@ export async function openView(first, opened) {
   subscribe(["session"], () => isGone() && closeEvents());
 }
 
-function sendAll() {
-  changeView(Object.fromEntries(Object.keys(declared.properties).map((name) => [name, state.view[name]])));
+function sendAll(view = state.view) {
+  changeView(Object.fromEntries(Object.keys(declared.properties).map((name) => [name, view[name]])));
+}
+
+// While nobody saw the page a program may have changed the view: all is sent only where it was forgotten, and began anew.
+async function remind(revision) {
+  const view = { ...state.view, show: { ...state.view.show } };
+  const known = await call(path()).catch(() => null);
+  if (known && known.revision < revision) sendAll(view);
 }
 
 // Show something else. `show` may name some members only.
@@ -77,8 +87,13 @@ async function send() {
     const answer = await call(path(), { method: "PATCH", body: sent });
     sent = null;
     applyAnswer(answer);
+    if (refused && state.trouble === refused) update({ trouble: "" });
+    refused = "";
   } catch (error) {
-    if (error.status === 422) update({ trouble: error.message });
+    if (error.status === 422) {
+      refused = error.message;
+      update({ trouble: refused });
+    }
   } finally {
     sent = null;
     send();

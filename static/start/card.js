@@ -6,7 +6,7 @@ import { methodWord, stateWord } from "../session/format.js";
 import { wasSeen } from "../session/seen.js";
 import { edit } from "./edit.js";
 import { grouped, when } from "./format.js";
-import { query, VERDICTS, verdictOf } from "./query.js";
+import { query, verdictWord } from "./query.js";
 import { toggleTag } from "./toolbar.js";
 
 const LATER = 5000; // milliseconds to the next try for a picture
@@ -46,7 +46,7 @@ export function fillCard(card, session, follow) {
   part("certain").dataset.certain = Boolean(session.certain);
   part("certain").dataset.fit = session.fit ?? "";
   part("certain").title = session.fit_reason ?? "";
-  setText(part("certain"), VERDICTS[verdictOf(session)]);
+  setText(part("certain"), verdictWord(session));
   setText(part("method"), methodWord(session.method));
   setText(part("made"), when(session.created));
   part("error").hidden = !session.error;

@@ -22,6 +22,8 @@ export function verdictOf({ fit, certain }) {
   if (fit === "good") return certain ? "certain" : "found";
   return fit ?? "open";
 }
+export const verdictWord = (session) =>
+  verdictOf(session) === "open" && session.iteration === 0 ? "not begun yet" : VERDICTS[verdictOf(session)];
 
 const stateOf = ({ state, converged }) => (state === "paused" && converged ? "rest" : state);
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Request, expect
 
 from tests.app import small_sessions as small
 from tests.browser.conftest import PATIENCE, PHONE, Troubles, pixels, scrolls_sideways
@@ -236,6 +236,47 @@ def test_a_lost_connection_comes_back(page: Page, served: Served, session: str, 
     assert 1 <= sum("/estimate?iteration=5" in url for url in asked) <= 2  # in no hurry
     page.context.set_offline(False)
     expect(page.locator("#trouble")).to_be_hidden()
+
+
+# Whether somebody sees the page, as a browser says it of a tab behind others
+SEEN = """(seen) => {
+  Object.defineProperty(document, "hidden", { configurable: true, get: () => !seen });
+  document.dispatchEvent(new Event("visibilitychange"));
+}"""
+
+
+def test_a_page_that_nobody_sees_leaves_its_connections_to_others(page: Page, served: Served, session: str) -> None:
+    """A browser has six to a server, for all of its pages; what happened meanwhile is there when it is seen again."""
+    streams: list[Request] = []
+    page.on("request", lambda request: request.url.split("?")[0].endswith("/events") and streams.append(request))
+    ended: list[Request] = []
+    page.on("requestfailed", lambda request: request in streams and ended.append(request))
+    opened(page, served, session, "?part=drawer2")
+    wait(page, lambda: len(streams) == 2)
+    page.evaluate(SEEN, False)
+    wait(page, lambda: len(ended) == 2)
+    served.client.post(f"{session}/step", json={"iterations": 2}).raise_for_status()
+    layers = "/".join((page.locator("#scene").get_attribute("src") or "").split("/")[2:5:2])
+    session_id, view_id = layers.split("/")
+    served.client.patch(f"/api/v1/sessions/{session_id}/views/{view_id}", json={"show": {"ellipsoids": False}})
+    page.evaluate(SEEN, True)
+    wait(page, lambda: len(streams) == 4)
+    expect(page.locator("#progress-number")).to_have_text("8")
+    panel = tab(page, "Layers")
+    expect(
+        panel.get_by_label("covariance ellipsoids")
+    ).not_to_be_checked()  # what a program has changed is not changed back
+    assert view(page, served)["part"] == "drawer2" and len(ended) == 2
+
+
+def test_a_long_name_is_cut_and_pushes_nothing_out_of_sight(page: Page, served: Served) -> None:
+    session = small.after(served.client, 1, name="a fridge with two doors " * 8)
+    opened(page, served, session)
+    width = page.evaluate("innerWidth")
+    for place in (page.get_by_role("button", name="Run", exact=True), page.get_by_role("tab", name="Belief")):
+        box = place.bounding_box()
+        assert box and box["x"] + box["width"] <= width
+    assert page.get_by_role("heading", level=1).evaluate("(name) => name.scrollWidth > name.clientWidth")
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

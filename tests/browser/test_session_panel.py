@@ -219,6 +219,48 @@ def test_settings_count_from_the_next_iteration(page: Page, served: Served, sess
     expect(panel.get_by_label("pixel score")).to_have_value("distance")
 
 
+def test_an_emptied_setting_is_what_it_was(page: Page, served: Served, session: str, troubles: Troubles) -> None:
+    opened(page, served, session)
+    panel = tab(page, "Settings")
+    field = panel.get_by_label("tolerance end")
+    troubles.expect("422")
+    field.fill("99999")
+    field.press("Enter")
+    wrong = panel.get_by_role("alert").filter(has_text="is 999.99 m; it must be at most 100.0 m")
+    expect(wrong).to_be_visible()
+    field.fill("")
+    field.press("Enter")
+    expect(wrong).to_be_hidden()
+    expect(field).to_have_value("1.2")
+    panel.get_by_label("particles per part").fill("")
+    panel.get_by_role("button", name="Start a new session with these").click()
+    page.wait_for_timeout(300)
+    assert served.client.get(session).json()["view_url"] in page.url  # the browser asks for a number
+
+
+def test_numbers_that_make_no_region_are_told_until_they_do(page: Page, served: Served, session: str) -> None:
+    opened(page, served, session)
+    page.get_by_role("button", name="Set up").click()
+    page.get_by_text("Advanced").click()
+    smallest, largest = (page.locator(f"#setup-numbers [data-at='{at}']") for at in (0, 3))
+    expect(largest).not_to_have_value("")
+    end = float(largest.input_value())
+    smallest.fill(str(end + 100))
+    smallest.press("Enter")
+    wrong = page.locator("#trouble")
+    expect(wrong).to_contain_text(f"would go from {end + 100:g} to ")
+    smallest.fill(str(end - 50))
+    smallest.press("Enter")
+    expect(wrong).to_be_hidden()
+    wait(page, lambda: abs(view(page, served)["region"][0] - (end - 50) / 100) < 1e-6)
+    page.locator("#setup-particles").fill("1")
+    page.locator("#setup-run").click()
+    expect(page.locator("#setup-error")).to_have_text("particles is 1; expected a whole number from 2 to 20000.")
+    page.locator("#setup-particles").fill("40")
+    page.locator("#setup-particles").press("Tab")
+    expect(page.locator("#setup-error")).to_be_hidden()
+
+
 def test_an_answer_that_comes_late_hides_nothing_of_what_is_wrong_since(
     page: Page, served: Served, session: str, troubles: Troubles
 ) -> None:

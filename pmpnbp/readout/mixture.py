@@ -44,7 +44,7 @@ from pmpnbp.scene.prior import GaussianPrior
 # Modes are told at most, and what weighs less than this is none.
 MODES, LEAST_WEIGHT = 6, 1e-4
 # Share of a mode's draws that are of another one, which it then is.
-SAME = 0.5
+GONE_OVER = 0.5
 # Draws that are more nats better than the place they were drawn about are drawn about the best of them, so many times;
 # where nuisances are free, which the place does not take over, they may be better by those alone. And a middle that is
 # as much worse is none.
@@ -123,7 +123,8 @@ def _drawn_in(problem: Problem, places: Sequence[Place], reaches: Sequence[Array
     on a ledge beside that, and its draws have left it."""
     draws, weights = found.draws, np.exp(found.draws.log_weights)
     return any(
-        np.all(strayed(problem, place.root, place.joints, draws.roots, draws.joints) <= reach, axis=1) @ weights > SAME
+        np.all(strayed(problem, place.root, place.joints, draws.roots, draws.joints) <= reach, axis=1) @ weights
+        > GONE_OVER
         for place, reach in zip(places, reaches, strict=True)
     )
 

@@ -240,9 +240,9 @@ def _check(name: str, value: Any, metadata: Mapping[str, Any], kind: type) -> No
     low, high = metadata["low"], metadata["high"]
     of = f" {metadata['unit']}" if metadata["unit"] in ("m", "rad") else ""
     if kind in (int, float) and not (math.isfinite(value) and value >= low):
-        raise SettingError(f"setting '{name}' is {value!r}{of}; it must be a finite number of at least {low}{of}")
+        raise SettingError(f"setting '{name}' is {value!r}; it must be a finite number of at least {low}{of}")
     if kind in (int, float) and value > high:
-        raise SettingError(f"setting '{name}' is {value!r}{of}; it must be at most {high}{of}")
+        raise SettingError(f"setting '{name}' is {value!r}; it must be at most {high}{of}")
 
 
 def checked_option(name: str, value: Any) -> Any:

@@ -9,6 +9,8 @@ import { goToIteration } from "./view.js";
 import { meaning } from "./words.js";
 
 const PACE = 100; // milliseconds between two drawings
+const TRUE = "add"; // the plot of what only a known truth tells
+const NONE = "–"; // for a number; from the beginning, or a narrow plot would lose a line's height once there is one
 
 // First what is found, then how the algorithm goes about it. Each: the word that explains it, title, whether the scale is
 // logarithmic, values of a row (one per part, or one for all), how a value is read, a dashed line, and what the title's
@@ -25,7 +27,7 @@ const PLOTS = [
     now: (values) => `largest ${fineCentimetres(Math.max(...values))}`,
   },
   {
-    id: "add",
+    id: TRUE,
     word: "add",
     title: "ADD to the truth, cm",
     log: true,
@@ -76,9 +78,9 @@ let due = null;
 export function install() {
   const place = byId("plots");
   for (const plot of PLOTS) {
-    const now = h("span", { class: "now" });
+    const now = h("span", { class: "now" }, NONE);
     const canvas = h("canvas", { role: "img", "aria-label": plot.title, on: { pointerdown: drag } });
-    const figure = h("figure", { class: "plot", "data-plot": plot.id }, [
+    const figure = h("figure", { class: "plot", "data-plot": plot.id, hidden: plot.id === TRUE }, [
       h(
         "figcaption",
         {},
@@ -111,11 +113,11 @@ function draw() {
   const known = state.graph.truth || Boolean(state.rows.at(-1)?.add);
   for (const plot of PLOTS) {
     const { figure, canvas, now } = places.get(plot.id);
-    figure.hidden = plot.id === "add" && !known;
+    figure.hidden = plot.id === TRUE && !known;
     if (figure.hidden) continue;
     const row = rowAt(shownIteration());
     const values = (row ? plot.values(row) : []).filter(Number.isFinite);
-    setText(now, values.length ? plot.now(values) : "–");
+    setText(now, values.length ? plot.now(values) : NONE);
     canvas.setAttribute(
       "aria-label",
       `${plot.title} over ${plural(state.rows.length, "iteration")}; at iteration ${shownIteration()}: ${now.textContent}`,

@@ -22,7 +22,7 @@ from pmpnbp.inference.problem import LONG_CHAIN, Problem
 from pmpnbp.inference.tree_estimate import polish
 from pmpnbp.inference.triple_moves import triple_moves
 from pmpnbp.potentials.nuisances import split
-from pmpnbp.readout.fit import GOOD, assess
+from pmpnbp.readout.fit import GOOD, NOTHING, assess
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.object_posterior import ModeDraws, misfit
 
@@ -46,6 +46,9 @@ BENT = 48
 # much, and its score is FAINT of the estimate's at the least: those that were good fits then shared none at all, on
 # seeds 44 to 73, and had 0.43, on seeds 44 to 79.
 OTHERS, APART, SHARED, FAINT = 2, 0.5, 0.3, 0.15
+# Of a thing between others of its kind so much of what is in sight is confirmed at the least, if also on their common
+# front, which counts little as it goes on beyond it.
+ALL_OVER = 0.9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,8 +177,8 @@ def _others(
     joints: Array,
     score: Array,
 ) -> list[tuple[Array, Array, Confirmation]]:
-    """Things of the same kind among rivals (R, 7), (R, D), polished: a good fit each, or one that comes as near the
-    estimate's score as a mode and stands beside more, in a row; each explains other pixels."""
+    """Things of the same kind among rivals (R, 7), (R, D), polished: a good fit each, or one that stands beside more,
+    in a row, and comes as near the estimate's score as a mode or is confirmed all over; each explains other pixels."""
     middles, least = _middles(problem, roots, joints), APART * float(problem.mrf.radii.max())
     taken, found = [_middles(problem, own.root[None], own.joints[None])[0]], []
     for row in np.argsort(-score, kind="stable"):
@@ -191,9 +194,15 @@ def _others(
         places, q, _ = polish(rng, problem, roots[[row]], joints[[row]], plan, problem.tolerance_end, POLISH_ROUNDS)
         seen = confirmation(problem, places[0], q[0])
         alike = score[row] > own.nats - CLOSE * abs(own.nats) and seen.explained >= GOOD
-        if _shared(own.seen, seen) < SHARED and (alike or assess(seen).verdict == "good"):
+        if _shared(own.seen, seen) < SHARED and (alike or _in_a_row(seen) or assess(seen).verdict == "good"):
             found.append((places[0], q[0], seen))
     return found
+
+
+def _in_a_row(seen: Confirmation) -> bool:
+    """Whether a place is confirmed all over, though much of it on surfaces that go on, as flush fronts do."""
+    in_sight = seen.covered - seen.hidden - seen.outside
+    return seen.explained >= NOTHING and not seen.outside_region and seen.confirmed >= ALL_OVER * in_sight
 
 
 def mode_reach(problem: Problem, place: Place) -> Array:

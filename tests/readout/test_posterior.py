@@ -364,11 +364,11 @@ def test_a_read_out_that_was_ended_anywhere_comes_to_the_same_numbers_anew(probl
         np.testing.assert_array_equal(values, whole[name])
 
 
-def test_one_of_a_row_is_another_one_like_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of two cupboards the other may be meant, too, though its fit is doubtful: of what stands in a row the scan has
-    surfaces that go on in the next."""
-    model, (root, joints) = worlds.cupboard(), worlds.cupboard_truth()
-    roots = [poses.multiply(root, at(y=aside)) for aside in (0.5, -0.1)]
+def in_a_row(model: ArticulatedObject, joints: Array, *aside: Array) -> tuple[Problem, list[Array], IterationReport]:
+    """The same thing where several (7,) have it from the cupboard's place, their poses (7,), and an iteration with the
+    first as its estimate and the others as its rivals."""
+    root = worlds.cupboard_truth()[0]
+    roots = [poses.multiply(root, one) for one in aside]
     camera = worlds.camera_at((0.0, 0.0, 0.7), root[:3] + [0.0, 0.0, 0.2], width=200, height=120)
     scans = [worlds.scan(model, model.part_poses(each, joints), camera) for each in roots]
     scan = replace(scans[0], depth=np.min([one.depth for one in scans], axis=0))
@@ -382,12 +382,30 @@ def test_one_of_a_row_is_another_one_like_it(monkeypatch: pytest.MonkeyPatch) ->
         stage="belief propagation",
         map_poses=made.mrf.part_poses(roots[0], joints),
         map_joints=joints,
-        rivals=np.array([np.append(roots[1], joints)]),
+        rivals=np.array([np.append(each, joints) for each in roots[1:]]),
     )
+    return made, roots, told
+
+
+def test_one_of_a_row_is_another_one_like_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two cupboards the other may be meant, too, though its fit is doubtful: of what stands in a row the scan has
+    surfaces that go on in the next."""
+    made, roots, told = in_a_row(worlds.cupboard(), worlds.cupboard_truth()[1], at(y=0.5), at(y=-0.1))
     monkeypatch.setattr(places, "assess", lambda seen: replace(assess(seen), verdict="doubtful"))
     found = of_estimate(made, told)
     assert found.fit.verdict == "good" and "as well another one like it" in found.fit.reason
-    assert not spread(made, found, roots[0], joints).certain(found, 0.01).any()
+    assert not spread(made, found, roots[0], told.map_joints).certain(found, 0.01).any()
+
+
+def test_those_whose_fronts_are_flush_are_others_like_it() -> None:
+    """Two boxes beside the one that was found, a little behind it and flush: their common front, longer than one of
+    them, counts little, so that little is explained of what is confirmed all over."""
+    made, roots, told = in_a_row(twin(), np.array([0.08]), at(-0.05, -0.2), at(y=0.202), at(y=0.604))
+    row = [confirmation(made, root, told.map_joints) for root in roots[1:]]
+    assert [assess(seen).verdict for seen in row] == ["doubtful", "doubtful"]
+    found = of_estimate(made, told)
+    assert [mode.weight for mode in found.modes] == pytest.approx([1 / 3] * 3)
+    assert found.fit.verdict == "good" and "as well 2 others like it" in found.fit.reason
 
 
 def test_too_few_draws_that_count_or_a_bad_fit_are_nothing_to_build_on(problem: Problem) -> None:

@@ -38,11 +38,12 @@ from pmpnbp.readout.fit import Fit, assess
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.object_posterior import ModeDraws, drawn_nuisance_stds, draws_or_better, misfit, mode_draws
 from pmpnbp.readout.places import POLISH_ROUNDS, Place, contenders, least_reach, mode_reach, strayed
-from pmpnbp.readout.posterior import Centre, ObjectMode, Posterior
+from pmpnbp.readout.posterior import DOUBT, Centre, ObjectMode, Posterior
 from pmpnbp.scene.prior import GaussianPrior
 
-# Modes are told at most, and what weighs less than this is none.
-MODES, LEAST_WEIGHT = 6, 1e-4
+# Modes are told at most. What weighs no more than DOUBT is none: it keeps nobody from being certain, and so must not do
+# by the deviation that 0.3 % of the draws half a metre away would give all of them.
+MODES = 6
 # Share of a mode's draws that are of another one, which it then is.
 GONE_OVER = 0.5
 # Draws that are more nats better than the place they were drawn about are drawn about the best of them, so many times;
@@ -169,7 +170,7 @@ def _told(
     """All modes' draws, each weighed by its mode; told is the place of the heaviest one, where that is better than the
     estimate's, too, drawn about without those of its parts that are denied."""
     model, log_weights = problem.mrf.model, _log_weights(places)
-    order = [k for k in np.argsort(-log_weights, kind="stable") if log_weights[k] > np.log(LEAST_WEIGHT) or k == 0]
+    order = [k for k in np.argsort(-log_weights, kind="stable") if log_weights[k] > np.log(DOUBT) or k == 0]
     log_weights[order] = normalise(log_weights[order])
     better = [k for k in order if not places[k].apart and places[k].nats > places[0].nats]
     told = next((k for k in better if log_weights[k] > log_weights[0]), 0)

@@ -153,6 +153,19 @@ def test_rivals_that_are_the_estimate_or_far_worse_are_no_modes(problem: Problem
     assert np.all(found.mode == 0) and np.exp(found.log_weights).sum() == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize(("weight", "count"), [(0.03, 2), (0.004, 1)])
+def test_what_keeps_nobody_from_being_certain_is_no_mode(
+    problem: Problem, monkeypatch: pytest.MonkeyPatch, weight: float, count: int
+) -> None:
+    """0.4 % of the draws half a metre away would else be a deviation of three centimetres."""
+    monkeypatch.setattr(mixture, "_log_weights", lambda places: np.log([1 - weight, weight]))
+    found = of_estimate(problem, report(problem, TURNED))
+    told = spread(problem, found, ROOT, SHUT)
+    assert len(found.modes) == count and sum(mode.weight for mode in found.modes) == pytest.approx(1.0)
+    assert told.certain(found, 0.02).all() == (count == 1)
+    assert np.sqrt(told.covariances[0, 0, 0]) < 0.002 or count == 2
+
+
 def fitted_report(problem: Problem, root: Array, joints: Array) -> tuple[Problem, IterationReport]:
     """The problem with its nuisances fitted near a configuration, and the report of an iteration that ends there."""
     _, made = run.begin(problem)

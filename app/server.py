@@ -172,9 +172,11 @@ def _get_ready(app: FastAPI) -> None:
         # the first upload need not wait for its reader's imports
         app.state.parsers.warm()
         _kernels()
-        app.state.ready = not app.state.stopping
-        if app.state.config.demo and app.state.ready:
-            app.state.sessions.demo()
+        try:
+            if app.state.config.demo and not app.state.stopping:
+                app.state.sessions.demo()
+        finally:
+            app.state.ready = not app.state.stopping
     except Exception:
         _log.exception("the server does not get ready")
 

@@ -29,12 +29,13 @@ class Health(BaseModel):
 
     status: str = Field(description='"ok"', examples=["ok"])
     version: str = Field(description="version of the server", examples=["0.1.0"])
+    ready: bool = Field(description="whether its kernels are compiled, as `/readyz` has it")
 
 
 @router.get("/healthz", summary="Is the server alive?")
-def get_health() -> Health:
+def get_health(request: Request) -> Health:
     """Answers as long as the process does. Needs no token."""
-    return Health(status="ok", version=version())
+    return Health(status="ok", version=version(), ready=request.app.state.ready)
 
 
 @router.get(
@@ -46,7 +47,7 @@ def get_readiness(request: Request) -> Health:
     """200 once kernels are compiled and the store is open; 503 before, and while stopping. Needs no token."""
     if not request.app.state.ready:
         raise HttpProblem(503, "the kernels are still being compiled", headers={"Retry-After": "5"})
-    return Health(status="ok", version=version())
+    return Health(status="ok", version=version(), ready=True)
 
 
 @router.get(

@@ -12,6 +12,8 @@ from pmpnbp.scene.observation import Scan
 
 # A model is longer than its scans show of the world by this factor at the most: of a building one sees a room.
 LARGER = 50.0
+# Metres: no depth camera sees nothing that is farther than this.
+NEAR = 0.1
 # Pixels that an object is long, at the least, where what was measured is nearest.
 SMALLEST = 1.0
 
@@ -25,9 +27,10 @@ def check_units(length: float, scans: Sequence[Scan]) -> None:
         return
     farthest = max(float(depths.max()) * np.hypot(1.0, camera.widest_ray) for camera, depths in measured)
     if length > LARGER * farthest:
+        doubt = "is the scan in another unit?" if farthest < NEAR else "is the model in millimetres?"
         raise ScanError(
             f"the model is {length:.3g} m long, and nothing that was measured is farther than {farthest:.2g} m from "
-            "its camera; expected both in metres: is the model in millimetres?"
+            f"its camera; expected both in metres: {doubt}"
         )
     nearest, pixels = max(
         ((float(depths.min()), length * camera.fx / float(depths.min())) for camera, depths in measured),

@@ -68,7 +68,9 @@ async function begin() {
   words.install();
   settings.install().catch((error) => update({ trouble: error.message }));
   if (!(await loadSession())) return;
-  const start = watched ? { iteration: oldestIteration() } : {};
+  // a plain address is live, whatever this tab showed before; a named view is whoever's named it
+  const plain = !playsOn && !new URLSearchParams(search).has("view") ? { iteration: null, particle: null } : {};
+  const start = watched ? { iteration: oldestIteration() } : plain;
   await openView({ ...start, ...first, economy: sceneFrame.sparing }, sceneFrame.opened);
   if (playsOn) timeline.follow(shownIteration());
   if (awaited) sceneFrame.begin(); // what it loaded before was no 3D view

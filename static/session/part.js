@@ -3,9 +3,14 @@
 
 import { byId, h, setText } from "./dom.js";
 import { doubts } from "./doubts.js";
-import { degrees, fineCentimetres, largest, percent, plural } from "./format.js";
+import { DEGREES, degrees, fineCentimetres, largest, percent, plural } from "./format.js";
+import { angle, distance } from "./pose.js";
 import { colour, hasPosterior, onTheme, partNamed, state, subscribe } from "./state.js";
 import { changeView } from "./view.js";
+
+// Two hypotheses have a part in one place where they would be told as the same, metres and radians.
+const SAME = 0.001;
+const TURNED = 0.5 / DEGREES;
 
 export function install() {
   byId("part-close").addEventListener("click", () => changeView({ part: null, particle: null }));
@@ -26,12 +31,10 @@ function show(part) {
   setText(byId("part-facts"), link ? facts(link) : "");
   if (!link) return;
   setText(byId("part-doubt"), hasPosterior(state.estimate) ? verdict(part) : "");
-  setText(
-    byId("modes-title"),
-    link.modes.length ? plural(link.modes.length, "hypothesis", "hypotheses") : "hypotheses",
-  );
-  byId("modes-calm").hidden = link.modes.length > 0;
-  showModes("modes", link.modes, part);
+  const modes = apart(link.modes);
+  setText(byId("modes-title"), modes.length ? plural(modes.length, "hypothesis", "hypotheses") : "hypotheses");
+  byId("modes-calm").hidden = modes.length > 0;
+  showModes("modes", modes, part);
 }
 
 function facts({ std_xyz: std, expected_add: add, visible_fraction: visible }) {
@@ -45,16 +48,34 @@ function verdict(part) {
   return doubtful ? `Not certain: ${doubts(state.estimate.links[doubtful], state.estimate)}.` : "Certain.";
 }
 
+// Hypotheses of the whole object may have a part in one place, and differ in others: that is one hypothesis of the part.
+function apart(modes) {
+  const found = [];
+  for (const { weight, pose } of modes) {
+    const known = found.find(
+      (one) => distance(one.pose.position, pose.position) < SAME && turn(one.pose, pose) < TURNED,
+    );
+    if (known) known.weight += weight;
+    else found.push({ weight, pose });
+  }
+  return found.sort((one, other) => other.weight - one.weight);
+}
+
+const turn = (one, other) => angle(one.orientation, other.orientation);
+
+function where({ pose: { position, orientation } }) {
+  const turned = degrees(2 * Math.acos(Math.min(1, Math.abs(orientation.w))));
+  return `(${[position.x, position.y, position.z].map((v) => (v * 100).toFixed(1)).join(", ")}) cm, ${turned}`;
+}
+
 // Hypotheses, or clusters among particles, in the list `place`.
 export function showModes(place, modes, part) {
   byId(place).replaceChildren(
-    ...modes.map(({ weight, pose: { position, orientation } }, at) =>
+    ...modes.map((mode, at) =>
       h("li", {}, [
-        h("span", { class: "weight", css: { "--share": weight, "--tint": colour(part) }, "aria-hidden": "true" }),
-        h("span", { class: "figure" }, percent(weight, modes.length > 1 ? 1 : 0)),
-        h("span", { class: "where" }, [
-          `(${[position.x, position.y, position.z].map((v) => (v * 100).toFixed(1)).join(", ")}) cm, ${degrees(2 * Math.acos(Math.min(1, Math.abs(orientation.w))))}`,
-        ]),
+        h("span", { class: "weight", css: { "--share": mode.weight, "--tint": colour(part) }, "aria-hidden": "true" }),
+        h("span", { class: "figure" }, percent(mode.weight, modes.length > 1 ? 1 : 0)),
+        h("span", { class: "where" }, where(mode)),
         at ? null : h("span", { class: "unseen" }, "the heaviest"),
       ]),
     ),

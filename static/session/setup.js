@@ -14,12 +14,15 @@ import { changeView } from "./view.js";
 const BARE = { estimate: false, particles: false, draws: false, ellipsoids: false, next_views: false };
 const wrong = sentence("setup-error");
 
-let before = null; // the layers that were shown
+let before = null; // the layers that were shown; kept with the tab, as the set-up is open again when it is loaded again
 let regions = []; // as GET regions has them
 let own = null; // the box as it was drawn by hand, apart from those
 let asked = ""; // of which scans the regions are known
 
-const first = new URLSearchParams(location.search).has("setup"); // whether the page begins with this
+const KEPT = `set-up of ${sessionId}`;
+const kept = JSON.parse(sessionStorage.getItem(KEPT));
+// whether the page begins with this
+const first = kept !== null || new URLSearchParams(location.search).has("setup");
 // Asked for before the 3D view keeps the browser busy, where they are what is wanted; null where that failed.
 let ahead = first ? whatStands().catch(() => null) : null;
 
@@ -28,24 +31,27 @@ export function install() {
   byId("setup").addEventListener("change", () => wrong("")); // it was about what was there before
   byId("setup-close").addEventListener("click", close);
   byId("setup-prior").addEventListener("change", (event) => changeView({ show: { prior: event.target.checked } }));
-  byId("setup-open").addEventListener("click", open);
+  byId("setup-open").addEventListener("click", () => open());
   byId("setup-draw").addEventListener("click", drawBox);
   byId("setup-files").addEventListener("change", ({ target }) => addView(target));
   subscribe(["view", "session"], show);
-  if (first && !isRecording()) open();
+  if (canOpen() && first) open(kept);
+  else if (kept) leave(kept); // it has been run meanwhile
 }
 
 export const isOpen = () => !byId("setup").hidden;
 export const canOpen = () => !isRecording() && !isGone() && !isOpen() && state.session?.state !== "running";
 
-async function open() {
+// shown : the layers before, where it was open when the page was left
+async function open(shown = null) {
   if (isOpen()) return;
-  before = { ...state.view.show };
+  before = shown ?? { ...state.view.show };
+  sessionStorage.setItem(KEPT, JSON.stringify(before));
   byId("setup").hidden = false;
   wrong("");
   fillAdvanced();
   changeView({ show: BARE });
-  await propose();
+  await propose(shown !== null);
   byId("setup-run").focus({ preventScroll: true });
 }
 
@@ -57,15 +63,21 @@ export async function drawBox() {
 
 export function close() {
   byId("setup").hidden = true;
-  changeView({ proposals: [], show: { ...before, region: false, prior: false } });
+  leave(before);
   show();
   byId("setup-open").focus({ preventScroll: true });
 }
 
-// Asks for what stands there, once for the same scans; the likest is chosen where the session has no region of its own.
-async function propose() {
+function leave(shown) {
+  sessionStorage.removeItem(KEPT);
+  changeView({ proposals: [], show: { ...shown, region: false, prior: false } });
+}
+
+// Asks for what stands there, once for the same scans; the likest is chosen where the session has no region of its own
+// and none was chosen before.
+async function propose(wasChosen = false) {
   const scans = String(state.session?.scan_ids);
-  if (asked === scans) return offer();
+  if (asked === scans) return offer(wasChosen);
   setText(byId("setup-title"), "Looking at what stands in the scan…");
   try {
     regions = ((await ahead) ?? (await whatStands())).regions;
@@ -75,16 +87,17 @@ async function propose() {
     wrong(problem.message);
   }
   ahead = null;
-  offer();
+  offer(wasChosen);
 }
 
 function whatStands() {
   return call(`${sessionPath(sessionId)}/regions`);
 }
 
-function offer() {
-  const chosen = state.session?.roi ?? regions[0]?.roi ?? null;
-  changeView({ proposals: regions.map(({ roi }) => roi), show: { region: chosen !== null } });
+function offer(wasChosen) {
+  const { region, show: layers } = state.view;
+  const chosen = wasChosen ? layers.region && region : (state.session?.roi ?? regions[0]?.roi);
+  changeView({ proposals: regions.map(({ roi }) => roi), show: { region: Boolean(chosen) } });
   if (chosen) changeView({ region: chosen, look: "fit" });
   show();
 }

@@ -14,7 +14,7 @@ const WORDS = {
   ],
   std: [
     "std",
-    "The largest standard deviation of the position, given the scan; the mark is the limit up to which a part is certain.",
+    "The largest standard deviation of the position about the estimate, given the scan, so it is large, too, where the estimate is at one end of what may be. The mark is the limit up to which a part is certain.",
   ],
   visible: [
     "visible",

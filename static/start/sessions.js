@@ -18,6 +18,7 @@ let timer;
 let questions = 0;
 let lost = false;
 let sessions = null; // as they were answered last
+let ready = false; // whether the server's kernels are compiled
 let all = false; // whether more than DRAWN were asked for
 
 export function follow() {
@@ -39,6 +40,7 @@ async function ask() {
   let pause = EVERY;
   try {
     const answer = await call("/api/v1/sessions");
+    if (!answer.length && !ready) ready = (await call("/healthz")).ready;
     if (question !== questions) return; // asked once more meanwhile
     sessions = answer;
     show();
@@ -61,6 +63,7 @@ function show() {
   byId("more").parentElement.hidden = drawn.length === fitting.length;
   setText(byId("more"), `Show all ${fitting.length}`);
   byId("empty").hidden = sessions.length > 0;
+  byId("preparing").hidden = ready;
   const going = sessions.filter((session) => session.state === "running").length;
   const number = filters() ? `${fitting.length} of ${sessions.length} shown` : `${sessions.length} kept`;
   setText(byId("summary"), sessions.length ? `${number}, ${going} running` : "");

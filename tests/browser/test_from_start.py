@@ -119,3 +119,12 @@ def test_who_chose_an_iteration_stays_there(page: Page, served: Served) -> None:
     button.click()
     page.wait_for_url(lambda url: "iteration" not in url)
     assert int(page.evaluate("window.addressChanged")) < 7  # while it plays
+
+
+def test_a_plain_address_is_live_whatever_the_tab_showed_before(page: Page, served: Served) -> None:
+    session = small.after(served.client, 6, name="plain", iterations=12)
+    opened(page, served, session, "?iteration=3")
+    expect(page.locator("#shown")).to_have_text(re.compile("3 / 6"))
+    opened(page, served, session)
+    expect(page.locator("#shown")).to_have_text(re.compile("6 / 6"))
+    wait(page, lambda: view(page, served)["iteration"] is None)

@@ -94,6 +94,33 @@ def test_a_box_is_drawn_by_hand_and_the_model_is_laid_into_it(page: Page, served
     assert served.client.get(session).json()["roi"] == found["roi"]
 
 
+def test_a_page_loaded_again_is_where_it_was(page: Page, served: Served) -> None:
+    session = small.create(served.client, roi=None)
+    panel, own = page.locator("#setup"), page.get_by_role("button", name="my own box")
+    opened(page, served, session, "?setup")
+    expect(panel.get_by_role("button", name="most like the model")).to_have_attribute("aria-pressed", "true")
+    panel.get_by_text("Advanced").click()
+    panel.get_by_label("largest z of the region").fill("80")
+    panel.get_by_label("largest z of the region").press("Tab")
+    expect(own).to_have_attribute("aria-pressed", "true")
+    wait(page, lambda: (view(page, served)["region"] or [0.0])[-1] == 0.8)
+    opened(page, served, session)
+    expect(own).to_have_attribute("aria-pressed", "true")
+    panel.get_by_role("button", name="Close without running").click()
+    wait(page, lambda: view(page, served)["show"]["estimate"])
+    page.reload()
+    expect(page.get_by_role("button", name="Set up")).to_be_visible()
+    expect(panel).to_be_hidden()
+    # what is run meanwhile is shown as it was before the set-up
+    page.get_by_role("button", name="Set up").click()
+    wait(page, lambda: not view(page, served)["show"]["estimate"])
+    page.goto("about:blank")
+    served.client.post(f"{session}/run", json={"iterations": 500})
+    opened(page, served, session)
+    wait(page, lambda: view(page, served)["show"]["estimate"])
+    expect(panel).to_be_hidden()
+
+
 def test_another_view_is_added_before_the_run(page: Page, served: Served) -> None:
     scan = small.upload_scan(served.client, "from_above")
     session = small.create(served.client, scan_id=scan, roi=None)

@@ -21,6 +21,16 @@ __all__ = ["emptied"]  # a fixture of every test here
 expect.set_options(timeout=PATIENCE)
 
 
+def test_a_server_that_gets_ready_says_so(page: Page, served: Served) -> None:
+    ready = False
+    page.route("**/healthz", lambda route: route.fulfill(json={"status": "ok", "version": "", "ready": ready}))
+    page.goto(served.url)
+    expect(page.get_by_text("The server is getting ready")).to_be_visible()
+    ready = True
+    expect(page.get_by_text("The server is getting ready")).to_be_hidden()
+    expect(page.get_by_text("No session yet")).to_be_visible()
+
+
 def test_files_are_chosen_and_become_a_session(page: Page, served: Served) -> None:
     page.goto(served.url)
     expect(page.get_by_text("No session yet")).to_be_visible()

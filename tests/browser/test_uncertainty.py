@@ -332,6 +332,23 @@ def test_what_the_scan_does_not_tell_is_said(page: Page, served: Served, certain
     )
 
 
+def test_a_part_that_is_in_one_place_has_one_hypothesis_of_it(page: Page, served: Served, certain: str) -> None:
+    def altered(route: Route) -> None:
+        answer = route.fetch()
+        found = answer.json()
+        (mode,) = found["links"]["drawer2"]["modes"]
+        pose = mode["pose"]
+        far = {"position": pose["position"] | {"x": pose["position"]["x"] + 0.2}, "orientation": pose["orientation"]}
+        modes = [(0.4, pose), (0.35, far), (0.25, pose)]
+        found["links"]["drawer2"]["modes"] = [mode | {"weight": weight, "pose": at} for weight, at in modes]
+        route.fulfill(response=answer, json=found)
+
+    page.route(f"**{certain}/estimate?*", altered)
+    opened(page, served, certain, "?part=drawer2")
+    expect(page.locator("#modes-title")).to_have_text("2 hypotheses")
+    expect(page.locator("#modes li .figure")).to_have_text(["65.0\u202f%", "35.0\u202f%"])
+
+
 def test_the_hypotheses_of_a_part(page: Page, served: Served, certain: str) -> None:
     link = served.client.get(f"{certain}/estimate").json()["links"]["drawer2"]
     opened(page, served, certain, "?part=drawer2")

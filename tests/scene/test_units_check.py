@@ -46,6 +46,11 @@ def test_a_model_in_millimetres_is_told() -> None:
         check_units(750.0, [scan(0.5, 4.0), scan(0.5, 2.0)])
 
 
+def test_a_scan_whose_unit_is_too_large_is_told() -> None:
+    with pytest.raises(ScanError, match=r"the model is 0\.75 m long, .* farther than 0\.0\d* m .*is the scan in anoth"):
+        check_units(0.75, [scan(0.001, 0.002)])
+
+
 def test_a_scan_in_millimetres_is_told() -> None:
     with pytest.raises(ScanError, match=r"the model is 0\.75 m long, 0\.\d* pixels .* away; .*is the scan in millim"):
         check_units(0.75, [scan(500.0, 1000.0), scan(600.0, 1000.0)])

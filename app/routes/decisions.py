@@ -133,6 +133,8 @@ def _action(snapshot: Snapshot, blocking: list[str], max_std: float) -> tuple[st
         found.append(f"{told}: {some_of(alike)}")
     if denied := doubted("denied"):
         found.append(f"the scan sees through these, or what they hang on: {some_of(denied)}")
+    if beyond := doubted("outside_region"):
+        found.append(f"the region of interest leaves these out, or what they hang on: {some_of(beyond)}")
     if doubted("draws"):
         found.append("too few draws of the posterior count for anything to be certain")
     return "look", "; ".join(found)

@@ -49,8 +49,10 @@ class Confirmation:
     covered, hidden, confirmed, outside : pixels, of all views: where it is rendered, behind something, as it should be,
         and as something is that lies outside the region of interest
     missed : names of parts that are not where they should be seen; denied : of those that are seen through, and
+    beyond : names of the parts but the root of which so much lies outside the region of interest, and so little is
+        confirmed within it, that only what they would hide says where they are
     denied_share : the share of `covered` that they have; root_denied : whether the root is one; held : those of the
-        denied that cannot be elsewhere, see HELD
+        denied, and of those beyond, that cannot be elsewhere, see HELD
     pixels : of each view (h, w) bool, where the object is rendered, and where it is confirmed
     """
 
@@ -63,6 +65,7 @@ class Confirmation:
     missed: tuple[str, ...]
     denied: tuple[str, ...]
     held: tuple[str, ...]
+    beyond: tuple[str, ...]
     denied_share: float
     root_denied: bool
     pixels: tuple[tuple[View, NDArray[np.bool_], NDArray[np.bool_]], ...]
@@ -83,10 +86,11 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
     """What the problem's views say of a configuration (7,), (D,), at a tolerance in metres, or the last one."""
     part_poses = problem.mrf.part_poses(root, joints)
     tolerance = problem.tolerance_end if tolerance is None else tolerance
-    covered = hidden = confirmed = outside = 0
+    covered = hidden = confirmed = 0
     expected = 0.0
-    # pixels of each part: covered, in sight, confirmed, seen through, that within the outline, and that in clumps
-    own = np.zeros((6, problem.mrf.nodes))
+    # pixels of each part: covered, in sight, confirmed, seen through, that within the outline, that in clumps, and
+    # outside the region
+    own = np.zeros((7, problem.mrf.nodes))
     pixels = []
     for view, _, depth, number in renders(problem.observation, problem.surfaces, part_poses, problem.nuisances):
         kinds = pixel_kinds(view.depth, view.category, depth, tolerance)
@@ -95,13 +99,13 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
         covered += int(np.count_nonzero(depth))
         hidden += int(np.count_nonzero(kinds == PixelKind.IN_FRONT))
         confirmed += int(np.count_nonzero(near))
-        outside += int(np.count_nonzero(kinds == PixelKind.OUTSIDE_ROI))
         counted = np.where(near, view.depth, depth)[in_sight]
         expected += float(((counted / problem.unit_distance) ** 2).sum())
         through = kinds == PixelKind.SEEN_THROUGH
         inside: NDArray[np.bool_] = ndimage.binary_erosion(depth > 0, TOUCHING)
         within = inside & _clumps(through & (view.depth > depth))
-        for row, chosen in enumerate((depth > 0, in_sight, near, through, through & inside, within)):
+        out = kinds == PixelKind.OUTSIDE_ROI
+        for row, chosen in enumerate((depth > 0, in_sight, near, through, through & inside, within, out)):
             own[row] += np.bincount(number[chosen], minlength=problem.mrf.nodes)
         pixels.append((view, depth > 0, near))
     # a share of what should be seen: each pixel that is not confirmed counts once
@@ -113,6 +117,7 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
     clumps = (own[5] >= CLUMP) & (own[5] > most_within * own[1])
     through = own[4] + ALONG_OUTLINE * (own[3] - own[4])
     denied = np.flatnonzero((own[1] >= FEWEST_PIXELS) & (clumps | (through > DENIED * own[1])))
+    beyond = np.flatnonzero((own[6] >= FEWEST_PIXELS) & (own[2] < FEWEST_PIXELS) & (np.arange(problem.mrf.nodes) > 0))
     names = [part.name for part in problem.mrf.model.parts]
     return Confirmation(
         score=float(score),
@@ -120,10 +125,11 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
         covered=covered,
         hidden=hidden,
         confirmed=confirmed,
-        outside=outside,
+        outside=int(own[6].sum()),
         missed=tuple(names[node] for node in np.flatnonzero(seen & (own[2] < MISSED * own[1]))),
         denied=tuple(names[node] for node in denied),
-        held=tuple(names[node] for node in _held(problem.mrf, denied, own[1], own[2])),
+        held=tuple(names[node] for node in _held(problem.mrf, np.union1d(denied, beyond), own[1], own[2])),
+        beyond=tuple(names[node] for node in beyond),
         denied_share=float(own[0, denied].sum() / max(covered, 1)),
         root_denied=0 in denied,
         pixels=tuple(pixels),

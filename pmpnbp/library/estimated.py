@@ -33,8 +33,8 @@ class LinkEstimate:
         posterior, expected_add also for a link without surface
     certain : whether the fit is good, no other mode has it elsewhere, no deviation is larger than `max_std`, and what
         is longer than 10 cm is not turned, by more than 2° for each 2.5 mm of that
-    doubts : why it is not certain, of "fit", "draws", "denied", "std_xyz", "expected_add", "elsewhere" and "turned";
-        None as long as there is no posterior
+    doubts : why it is not certain, of "fit", "draws", "denied", "outside_region", "alike", "std_xyz", "expected_add",
+        "elsewhere" and "turned"; None as long as there is no posterior
     visible_fraction : 0 to 1, log_likelihood : natural logarithm; None for a link without surface
     modes : the posterior's hypotheses, heaviest first
     particle_std_xyz : (3,), particle_modes : the spread and hypotheses of the algorithm's particles; no uncertainty

@@ -46,23 +46,31 @@ OWN_SHARE, OWN_PIXELS = 0.02, 3
 class Fit:
     """verdict : whether what should be seen is seen; reason : one sentence; explained : the share of it that the scan
     confirms, 0 to 1, weighed as the score is; missed : names of parts that are not where they should be seen; denied :
-    of those that are seen through and not held, whose place is not to be believed, whatever that of the others is."""
+    of those that are seen through and not held, whose place is not to be believed, whatever that of the others is;
+    beyond : of those outside the region of interest, of which the scan tells only where they are not."""
 
     verdict: Verdict
     reason: str
     explained: float
     missed: tuple[str, ...] = ()
     denied: tuple[str, ...] = ()
+    beyond: tuple[str, ...] = ()
 
 
 def assess(seen: Confirmation) -> Fit:
     """The fit of a place, by what the views say of it."""
     verdict, reason = _judged(seen)
     denied = tuple(name for name in seen.denied if name not in seen.held)
+    beyond = tuple(name for name in seen.beyond if name not in (*seen.held, *seen.denied))
     if verdict == "good" and denied:
         it = "it" if len(denied) == 1 else "they"
         reason = f"{reason}; {_seen_through(denied)}, so that {it} may be elsewhere"
-    return Fit(verdict=verdict, reason=reason, explained=seen.explained, missed=seen.missed, denied=denied)
+    if verdict == "good" and beyond:
+        are = "is" if len(beyond) == 1 else "are"
+        reason = f"{reason}; {some_of(beyond)} {are} outside the region of interest, and may be elsewhere"
+    return Fit(
+        verdict=verdict, reason=reason, explained=seen.explained, missed=seen.missed, denied=denied, beyond=beyond
+    )
 
 
 def _judged(seen: Confirmation) -> tuple[Verdict, str]:

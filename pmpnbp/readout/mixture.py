@@ -38,7 +38,7 @@ from pmpnbp.readout.fit import Fit, assess
 from pmpnbp.readout.log_posterior import log_posterior
 from pmpnbp.readout.object_posterior import ModeDraws, drawn_nuisance_stds, draws_or_better, misfit, mode_draws
 from pmpnbp.readout.places import POLISH_ROUNDS, Place, contenders, least_reach, mode_reach, strayed
-from pmpnbp.readout.posterior import DOUBT, Centre, ObjectMode, Posterior
+from pmpnbp.readout.posterior import DOUBT, Centre, ObjectMode, Posterior, numbered
 from pmpnbp.scene.prior import GaussianPrior
 
 # Modes are told at most. What weighs no more than DOUBT is none: it keeps nobody from being certain, and so must not do
@@ -168,17 +168,17 @@ def _told(
     checkpoint: Checkpoint,
 ) -> Posterior:
     """All modes' draws, each weighed by its mode; told is the place of the heaviest one, where that is better than the
-    estimate's, too, drawn about without those of its parts that are denied."""
+    estimate's, too, drawn about without those of its parts that are denied or beyond the region."""
     model, log_weights = problem.mrf.model, _log_weights(places)
     order = [k for k in np.argsort(-log_weights, kind="stable") if log_weights[k] > np.log(DOUBT) or k == 0]
     log_weights[order] = normalise(log_weights[order])
     better = [k for k in order if not places[k].apart and places[k].nats > places[0].nats]
     told = next((k for k in better if log_weights[k] > log_weights[0]), 0)
     fit = _agreeing_with_prior(problem, places[told], assess(places[told].seen))
-    denied = [node for node, part in enumerate(model.parts) if part.name in fit.denied]
+    anew = numbered(model, (*fit.denied, *fit.beyond))
     drawn_in = problem
-    if denied and 0 not in denied:
-        drawn_in = without(problem, denied)
+    if anew and 0 not in anew:
+        drawn_in = without(problem, anew)
         # at its best without them: it leans to where they were found
         best, plan = (places[told].root[None], places[told].joints[None]), problem.schedule(iteration)
         roots, others, _ = polish(rng, drawn_in, *best, plan, problem.tolerance_end, POLISH_ROUNDS)
@@ -194,7 +194,7 @@ def _told(
         root=estimate[0],
         joints=estimate[1],
         drawn_roots=np.concatenate([draws.roots for draws in found]),
-        drawn_joints=drawn_anew(rng, problem, place.root, place.joints, denied, drawn_joints),
+        drawn_joints=drawn_anew(rng, problem, place.root, place.joints, anew, drawn_joints),
         log_weights=np.concatenate([draws.log_weights + log_weights[k] for k, draws in zip(order, found, strict=True)]),
         mode=np.repeat(np.arange(len(order)), [len(draws.roots) for draws in found]),
         modes=tuple(

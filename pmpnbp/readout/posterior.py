@@ -4,6 +4,7 @@ estimate. `mixture` makes it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -36,7 +37,7 @@ TURNED_AT_LEAST = 0.2
 # The share of the draws that a joint's interval holds at the least, the central ones.
 CENTRAL = 0.9
 # Why a link is not certain, see `Spread.doubts`, in the order in which it is told.
-Doubt = Literal["fit", "draws", "denied", "alike", "std_xyz", "expected_add", "elsewhere", "turned"]
+Doubt = Literal["fit", "draws", "denied", "outside_region", "alike", "std_xyz", "expected_add", "elsewhere", "turned"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +117,16 @@ class Posterior:
 
     def denied(self, model: ArticulatedObject) -> list[int]:
         """Numbers of the parts that are not to be believed where they were found."""
-        return [node for node, part in enumerate(model.parts) if part.name in self.fit.denied]
+        return numbered(model, self.fit.denied)
+
+    def beyond(self, model: ArticulatedObject) -> list[int]:
+        """Numbers of the parts that are outside the region of interest."""
+        return numbered(model, self.fit.beyond)
+
+
+def numbered(model: ArticulatedObject, names: Sequence[str]) -> list[int]:
+    """Numbers of the parts of these names."""
+    return [node for node, part in enumerate(model.parts) if part.name in names]
 
 
 def even_draws(log_weights: Array, count: int) -> NDArray[np.int64]:
@@ -135,7 +145,8 @@ class Spread:
     the estimate to each mode's best configuration; alike : (M, L) whether a mode that counts has the link's part turned
     so that it looks the same; round_turns : (N,) of a part that is round about an axis, how far its turns about it
     agree, 0 (any) to 1 (all the same): the length of their mean on the unit circle; NaN of others; denied : (L,)
-    whether a link is of a part, or hangs on one, that is not to be believed where it was found; turns : (DRAWS, L)
+    whether a link is of a part, or hangs on one, that is not to be believed where it was found; beyond : (L,) likewise
+    outside the region of interest; turns : (DRAWS, L)
     radians that even draws have it turned by, see `surface_distance.turns`; 0 for a link of a part that is not LONG
     """
 
@@ -147,13 +158,14 @@ class Spread:
     alike: NDArray[np.bool_]
     round_turns: Array
     denied: NDArray[np.bool_]
+    beyond: NDArray[np.bool_]
     turns: Array
 
     def doubts(self, posterior: Posterior, max_std: float) -> dict[Doubt, NDArray[np.bool_]]:
         """(L,) each, whether for this reason a link is not certain. fit : what should be seen is not; draws : too few
-        count; denied : its part, or one that it hangs on; alike : where modes of more than 1 % have it elsewhere, it is
-        turned so that it looks the same, which no view tells; std_xyz, expected_add : an element is above `max_std`,
-        metres; elsewhere : a mode of more than 1 % has it there; turned : see LONG"""
+        count; denied, outside_region : its part is, or one that it hangs on; alike : where modes of more than 1 % have
+        it elsewhere, it is turned so that it looks the same, which no view tells; std_xyz, expected_add : an element is
+        above `max_std`, metres; elsewhere : a mode of more than 1 % has it there; turned : see LONG"""
         std = np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2)[:, :3]).max(axis=1)
         rivals = np.array([mode.counts for mode in posterior.modes])
         # the mode that is told is not elsewhere; how far it is from where it is told to be counts as spread
@@ -163,6 +175,7 @@ class Spread:
             "fit": np.full(len(std), posterior.fit.verdict != "good"),
             "draws": np.full(len(std), posterior.effective_sample_size < FEWEST_DRAWS),
             "denied": self.denied,
+            "outside_region": self.beyond,
             "alike": np.any(elsewhere, axis=0) & np.all(self.alike | ~elsewhere, axis=0),
             "std_xyz": ~(std <= max_std),
             "expected_add": self.expected_add > max_std,
@@ -190,6 +203,10 @@ def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -
     # what is told lies inside its own belief, also where another mode weighs more
     intervals = np.stack([np.minimum(intervals[0], 0.0), np.maximum(intervals[1], 0.0)])
     surfaces, parts = part_surfaces(model), parts_of_links(model)
+
+    def with_those_on(nodes: list[int]) -> NDArray[np.bool_]:
+        return np.isin(node, [below for one in nodes for below in moving(problem.mrf, one)])
+
     node = np.array([parts[link] for link in model.links])
     placed = posterior.part_poses(model, posterior.even_draws(DRAWS))
     mode_roots = np.array([mode.root for mode in posterior.modes])
@@ -206,7 +223,8 @@ def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -
         alike=alike_parts(model, posterior, at, modes)[:, node],
         round_turns=turn_agreement(surfaces, at, placed),
         turns=(turns(surfaces, at, placed) * [part.extents.max() > LONG for part in model.parts])[:, node],
-        denied=np.isin(node, [below for one in posterior.denied(model) for below in moving(problem.mrf, one)]),
+        denied=with_those_on(posterior.denied(model)),
+        beyond=with_those_on(posterior.beyond(model)),
     )
 
 

@@ -47,4 +47,4 @@ def advice(result: Mapping[str, Any]) -> str:
 def _looks_the_same(link: Mapping[str, Any]) -> bool:
     """Whether a link is not certain only because it looks the same in several turns."""
     doubts = link.get("doubts") or ()  # what was written before there were any has none
-    return "alike" in doubts and not {"denied", "draws"} & set(doubts)
+    return "alike" in doubts and not {"denied", "outside_region", "draws"} & set(doubts)

@@ -24,13 +24,15 @@ from pmpnbp.recording.schema import PREFIX
 _DRAWS = ("root", "joints", "drawn_roots", "drawn_joints", "log_weights", "mode")
 # Only where nuisances are free, of a posterior that was recorded since they are told.
 _OF_NUISANCES = ("drawn_sizes", "nuisance_stds")
+# Of a fit, names of parts; what was recorded before there were those beyond the region has none.
+_PARTS = ("missed", "denied", "beyond")
 
 
 def posterior_arrays(posterior: Posterior) -> Arrays:
     """The arrays of a posterior by name."""
     fit, modes = posterior.fit, posterior.modes
     text = {"verdict": fit.verdict, "reason": fit.reason, "explained": fit.explained}
-    text |= {"missed": fit.missed, "denied": fit.denied}
+    text |= {name: getattr(fit, name) for name in _PARTS}
     found: Arrays = {name: getattr(posterior, name) for name in _DRAWS}
     found["mode_weights"] = np.array([mode.weight for mode in modes])
     found["mode_roots"] = np.array([mode.root for mode in modes])
@@ -58,7 +60,7 @@ def to_posterior(iteration: int, arrays: Mapping[str, NDArray[Any]]) -> Posterio
         **{name: found[name] for name in _DRAWS},
         modes=tuple(ObjectMode(weight=float(weight), root=root, joints=joints) for weight, root, joints in modes),
         effective_sample_size=float(found["effective_sample_size"].item()),
-        fit=Fit(**{**fit, **{name: tuple(fit[name]) for name in ("missed", "denied")}}),
+        fit=Fit(**{**fit, **{name: tuple(fit.get(name, ())) for name in _PARTS}}),
         drawn_sizes=found.get("drawn_sizes"),
         nuisance_stds=found.get("nuisance_stds"),
         centre=_centre(found),
@@ -111,7 +113,7 @@ def _fits(problem: Problem, posterior: Posterior) -> bool:
         and isinstance(fit.reason, str)
         and isinstance(fit.explained, float | int)
         and 0 <= fit.explained <= 1
-        and all(isinstance(name, str) for name in (*fit.missed, *fit.denied))
+        and all(isinstance(name, str) for names in _PARTS for name in getattr(fit, names))
     )
 
 

@@ -10,6 +10,7 @@ const SENTENCES = {
   fit: (_, { fit_reason: reason }) => reason,
   draws: (_, { effective_draws: draws }) => `the posterior rests on ${Math.round(draws)} effective draws only`,
   denied: () => "the scan sees through it, or what it hangs on: it may be elsewhere",
+  outside_region: () => "the region of interest leaves it out, or what it hangs on: it may be elsewhere",
   alike: () => "it looks the same turned another way, and no look would tell which, see its hypotheses",
   std_xyz: (_, { max_std: limit }) => `its std is above ${fineCentimetres(limit)}`,
   expected_add: ({ expected_add: add }) => `expected to be off by ${fineCentimetres(add)} (ADD)`,

@@ -35,6 +35,7 @@ def looked(**doubts: list[str]) -> Any:
         ),
         ({"draws": LINKS}, "too few draws of the posterior count for anything to be certain"),
         ({"denied": ["knob"]}, "the scan sees through these, or what they hang on: knob"),
+        ({"outside_region": ["knob"]}, "the region of interest leaves these out, or what they hang on: knob"),
         (
             {"std_xyz": ["base"], "denied": ["knob"], "draws": LINKS},
             "base may be off by more than 2.5 mm; the scan sees through these, or what they hang on: knob; too few "

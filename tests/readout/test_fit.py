@@ -149,6 +149,17 @@ def test_parts_that_are_seen_through_are_named(denied: tuple[str, ...], said: st
     assert fit.verdict == "good" and fit.reason.endswith(f"; {said} be elsewhere")
 
 
+def test_parts_beyond_the_region_are_named_but_for_what_is_held_or_denied() -> None:
+    seen = replace(confirmation(built(), ROOT, JOINTS), denied=(), beyond=("lid", "pin"))
+    fit = judged(seen)
+    assert fit.beyond == ("lid", "pin") and fit.verdict == "good"
+    assert fit.reason.endswith("; lid, pin are outside the region of interest, and may be elsewhere")
+    fit = judged(replace(seen, held=("pin",)))
+    assert fit.beyond == ("lid",)
+    assert fit.reason.endswith("; lid is outside the region of interest, and may be elsewhere")
+    assert judged(replace(seen, denied=("lid",), denied_share=0.1)).beyond == ("pin",)
+
+
 def test_what_is_held_where_it_is_may_not_be_elsewhere() -> None:
     seen = replace(confirmation(built(), ROOT, JOINTS), denied=("lid", "pin"), denied_share=0.1, root_denied=False)
     fit = judged(replace(seen, held=("pin",)))

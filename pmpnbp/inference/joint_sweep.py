@@ -54,7 +54,7 @@ def sweep(
     (7,), joint vector (D,) and score."""
     for _ in range(most):
         here = float(configuration_scores(problem, root[None], joints[None], plan.tolerance)[0])
-        others, reached = (found[0] for found in elsewhere(rng, problem, root[None], joints[None], plan))
+        others, reached = _elsewhere_at_either_tolerance(rng, problem, root, joints, plan)
         roots = np.tile(root, (len(others), 1))
         if not problem.narrow:
             behind, its = with_those_behind_anew(rng, problem, root, joints, plan)
@@ -135,6 +135,22 @@ def elsewhere(
     found.append(np.swapaxes(turned, 0, 1))
     scores.append(score.T)
     return np.swapaxes(np.concatenate(found), 0, 1), np.concatenate(scores).T
+
+
+def _elsewhere_at_either_tolerance(
+    rng: np.random.Generator, problem: Problem, root: Array, joints: Array, plan: Schedule
+) -> tuple[Array, Array]:
+    """As `elsewhere` of one configuration (7,), (D,), (J, D) and (J,): at the plan's tolerance, or at the last where
+    that finds a place of a joint that is better by the plan's. To this two places are one that are some centimetres
+    from each other."""
+    others, reached = (found[0] for found in elsewhere(rng, problem, root[None], joints[None], plan))
+    # a generator of its own: where it finds nothing better all goes on as without it
+    own, last = np.random.default_rng(problem.seed), replace(plan, tolerance=problem.tolerance_end)
+    finer, its = (found[0] for found in elsewhere(own, problem, root[None], joints[None], last))
+    there = np.flatnonzero(np.isfinite(its))
+    its[there] = configuration_scores(problem, np.tile(root, (len(there), 1)), finer[there], plan.tolerance)
+    better = its > reached
+    return np.where(better[:, None], finer, others), np.where(better, its, reached)
 
 
 def with_those_behind_anew(

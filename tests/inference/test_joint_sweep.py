@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,6 +26,8 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.inference.tree_estimate import configuration_scores, polish, profile_scores
 from pmpnbp.scene.articulated_object import ArticulatedObject, Joint
 from pmpnbp.scene.prior import UniformPrior
+from pmpnbp.scene.scan_files import load_scan
+from pmpnbp.scene.urdf import load_model
 from pmpnbp.settings import Schedule, schedule
 from tests.inference import small_worlds as worlds
 
@@ -160,6 +164,27 @@ def test_a_pole_behind_a_screen_is_found_by_its_tip(monkeypatch: pytest.MonkeyPa
     assert off() > 0.05
 
 
+def test_two_places_that_the_search_takes_for_one_are_told_apart() -> None:
+    """The sample's lowest drawer, of which the region leaves out all that is seen, is in a place 7 cm before its own
+    one."""
+    scene = Path(__file__).parents[2] / "sample_data" / "cabinet" / "open"
+    model = load_model(scene.parent / "cabinet.urdf")
+    truth = json.loads((scene / "truth.json").read_text())
+    region = np.array([-0.0822, -0.1926, 0.4, 0.8932, 0.7035, 0.85])
+    settings = worlds.settings()
+    observation = problems.look(model, [load_scan(scene / "depth.png", scene / "camera.json")], region, settings)
+    problem = problems.build(model, observation, UniformPrior("upright"), settings, particles=40)
+    root = poses.from_matrix(np.array(truth["links"]["frame"]))
+    right = np.array([truth["joints"][name] for name in ("slide1", "slide2", "slide3")])
+    wrong = right + np.array([0.0, 0.0, 0.071])
+    plan = search_end(problem)
+    local = polish(np.random.default_rng(0), problem, root[None], wrong[None], plan, problem.tolerance_end, 10)
+    assert local[1][0, 2] > right[2] + 0.05  # where small moves alone leave it
+    _, found, score = sweep(np.random.default_rng(0), problem, local[0][0], local[1][0], plan, 3)
+    np.testing.assert_allclose(found, right, atol=0.004)
+    assert score > profile_scores(problem, *local[:2])[0]
+
+
 def test_a_step_that_finds_no_better_place_is_the_last(
     chain: tuple[Problem, np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -169,9 +194,10 @@ def test_a_step_that_finds_no_better_place_is_the_last(
 
     def counted(*arguments: object) -> object:
         steps.append(arguments)
-        return elsewhere(*arguments)
+        return every(*arguments)
 
-    monkeypatch.setattr(joint_sweep, "elsewhere", counted)
+    every = joint_sweep._elsewhere_at_either_tolerance
+    monkeypatch.setattr(joint_sweep, "_elsewhere_at_either_tolerance", counted)
     monkeypatch.setattr(joint_sweep, "LOSS_BEFORE", 100.0)
     monkeypatch.setattr(joint_sweep, "LOSS_AFTER", 100.0)
     sweep(np.random.default_rng(0), problem, root, truth, search_end(problem), 3)

@@ -250,9 +250,9 @@ def checked_option(name: str, value: Any) -> Any:
     a `max_std` of 0, which no standard deviation is within."""
     entry = next(one for one in fields(SessionOptions) if one.name == name)
     found = _convert(name, value, type(entry.default))
-    _check(name, found, entry.metadata, type(entry.default))
-    if name == "max_std" and found == 0:
+    if name == "max_std" and found <= 0:
         raise SettingError(f"'max_std' is {value!r}; expected metres above zero")
+    _check(name, found, entry.metadata, type(entry.default))
     return found
 
 

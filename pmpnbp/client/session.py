@@ -97,15 +97,26 @@ class RemoteSession:
         """Stop after the present iteration. Gives what `status` does."""
         return self._told("POST", "pause")
 
-    def reset(self, *, roi: ArrayLike | None = None, prior: Members | None = None) -> dict[str, Any]:
+    def reset(
+        self,
+        *,
+        roi: ArrayLike | None = None,
+        prior: Members | None = None,
+        method: str | None = None,
+        particles: int | None = None,
+        seed: int | None = None,
+    ) -> dict[str, Any]:
         """Back to iteration 0, with the settings and scans now in force. Gives what `status` does.
 
         roi : (6,) x0 y0 z0 x1 y1 z1, metres in world, another region of interest; prior : another prior, prior.json as
-            a file or as its members; None: as it was
+            a file or as its members; method, particles, seed : others; None: as it was
         """
         given = {
             "roi": None if roi is None else np.ravel(roi),
             "prior": None if prior is None else prior_members(prior),
+            "method": method,
+            "particles": particles,
+            "seed": seed,
         }
         return self._told("POST", "reset", json={name: value for name, value in given.items() if value is not None})
 
@@ -302,7 +313,8 @@ class RemoteSession:
         with understood("an estimate"):
             own = ("session_id", "state", "outdated")
             result = {name: value for name, value in members.items() if name not in own}
-            return Estimate.from_dict(result, _Iteration(self, result["iteration"]))
+            scene = _Iteration(self, result["iteration"])
+            return Estimate.from_dict(result, scene, outdated=members.get("outdated") is True)
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,8 @@ class Estimate:
     depth_distortion : (V,) metres, of errors that are smooth over all of a part; empty in results of old
     nuisances : by name
     truth : errors against the truth where that is known, as result.json has them
+    outdated : whether scans or settings of its session had changed since when it was asked for; result.json has no such
+        member, and what is read from one is not
     """
 
     model: str
@@ -94,13 +96,14 @@ class Estimate:
     truth: Mapping[str, Any] | None
     _members: Mapping[str, Any]
     _scene: Scene | None
+    outdated: bool = False
 
     @staticmethod
-    def from_dict(members: Mapping[str, Any], scene: Scene | None = None) -> Estimate:
+    def from_dict(members: Mapping[str, Any], scene: Scene | None = None, *, outdated: bool = False) -> Estimate:
         """The estimate that result.json's members tell; `scene` draws and shows it. Raises EstimateError where they
         are none."""
         try:
-            return _estimate(members, scene)
+            return _estimate(members, scene, outdated)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             came = f"{type(error).__name__}: {error}"
             raise EstimateError(f"this is no estimate as result.json has it ({came:.200})") from None
@@ -124,7 +127,8 @@ class Estimate:
     @property
     def verdict(self) -> str:
         """One line: was the object found, and what of it is certain?"""
-        return verdict(self._members)
+        told = verdict(self._members)
+        return f"Outdated, scans or settings have changed since: {told}" if self.outdated else told
 
     @property
     def summary(self) -> str:
@@ -132,7 +136,8 @@ class Estimate:
         rows = standings(self)
         told = "; ".join(f"{name} {row}" for name, row in rows[:SUMMED_UP])
         more = f"; and {len(rows) - SUMMED_UP} more" if len(rows) > SUMMED_UP else ""
-        return "\n".join([self.verdict, told + more, advice(self._members)])
+        following = "Next: let it make more iterations" if self.outdated else advice(self._members)
+        return "\n".join([self.verdict, told + more, following])
 
     def picture(self, width: int | None = None) -> bytes:
         """PNG: the estimate drawn over the scan as its camera sees it. width : pixels, default: the camera's. Raises
@@ -197,7 +202,7 @@ def _stand(joint: JointEstimate) -> str:
     return ", ".join(told)
 
 
-def _estimate(members: Mapping[str, Any], scene: Scene | None) -> Estimate:
+def _estimate(members: Mapping[str, Any], scene: Scene | None, outdated: bool) -> Estimate:
     told: dict[str, Any] = {name: members[name] for name in OF_RUN}
     told |= {name: members.get(name) for name in OF_POSTERIOR}
     return Estimate(
@@ -213,4 +218,5 @@ def _estimate(members: Mapping[str, Any], scene: Scene | None) -> Estimate:
         truth=members.get("truth"),
         _members=members,
         _scene=scene,
+        outdated=outdated,
     )

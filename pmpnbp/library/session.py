@@ -160,7 +160,8 @@ class Session:
         checkpoint : called now and then while the posterior is read out, which ends with what it raises
         """
         found, checked = self._newest.snapshot, checkpoint if posterior else None
-        return self._estimate(found, self._inputs.scans, self._told_from(self._step), checked)
+        told = self._estimate(found, self._inputs.scans, self._told_from(self._step), checked)
+        return replace(told, outdated=self._changed)
 
     def close(self) -> None:
         """Finish the recording; no iteration is made any more. Raises RecordingError. A second call does nothing."""

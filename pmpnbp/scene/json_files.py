@@ -42,7 +42,8 @@ def parse_object(text: str, name: str, failure: type[PmpnbpError]) -> Mapping[st
     except ValueError as error:
         raise failure(f"{name} is not JSON that can be read: a number too long, or nested too deep") from error
     if not isinstance(members, Mapping):
-        raise failure(f"{name} holds a {type(members).__name__}; expected an object {{…}}")
+        kind = "null" if members is None else f"a {type(members).__name__}"
+        raise failure(f"{name} holds {kind}; expected an object {{…}}")
     return members
 
 

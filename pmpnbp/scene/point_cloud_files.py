@@ -6,6 +6,7 @@ memory it does not fill nor be read beyond its end. Fields other than x, y and z
 
 from __future__ import annotations
 
+import codecs
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,7 +35,10 @@ class Cloud:
 
 def read_xyz(content: bytes, name: str) -> Cloud:
     """A loose cloud of text lines `x y z …`; columns are separated by spaces, tabs, commas or semicolons, further
-    columns are skipped, and so are lines that start with # or //."""
+    columns are skipped, and so are lines that start with # or //, and UTF-8's byte order mark. Raises ScanError."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise ScanError(f"scan '{name}' is UTF-16 text; expected UTF-8 or ASCII")
+    content = content.removeprefix(codecs.BOM_UTF8)
     lines = text_lines(content.replace(b",", b" ").replace(b";", b" "), name)
     return Cloud(table([line for line in lines if not line.lstrip().startswith((b"#", b"//"))], [0, 1, 2], name))
 

@@ -93,7 +93,9 @@ def _check_members(members: Mapping[str, object], known: Sequence[str], what: st
 
 
 def _link(members: Mapping[str, object], model: ArticulatedObject, name: str) -> str:
-    link = members.get("link")
+    if "link" not in members:
+        raise PriorError(f"{name} has no link; expected one of {', '.join(model.links)}")
+    link = members["link"]
     if not isinstance(link, str) or link not in model.links:
         raise PriorError(f"link {link!r:.60} of {name} is not in the model; it has {', '.join(model.links)}")
     return link

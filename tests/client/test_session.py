@@ -53,7 +53,23 @@ def test_it_runs_and_rests(fresh: RemoteSession) -> None:
     assert fresh.step()["iteration"] == 4
     assert fresh.step(2)["iteration"] == 6
     assert fresh.reset()["iteration"] == 0
+    anew = fresh.reset(method="particle_filter", particles=50, seed=7)
+    assert (anew["method"], anew["particles"], anew["seed"]) == ("particle_filter", 50, 7)
+    assert fresh.reset(seed=8)["particles"] == 50
     assert fresh.pause()["state"] == "paused"
+
+
+def test_what_was_told_before_a_change_says_that_it_is_outdated(fresh: RemoteSession) -> None:
+    fresh.step(2)
+    before = fresh.estimate()
+    fresh.change(effective_share=0.2)
+    after = fresh.wait("idle")
+    assert (before.outdated, after.outdated, after.iteration) == (False, True, 2)
+    assert after.verdict == f"Outdated, scans or settings have changed since: {before.verdict}"
+    assert after.summary.endswith("\nNext: let it make more iterations")
+    assert before.to_dict() == after.to_dict()
+    fresh.step()
+    assert not fresh.estimate().outdated and "Outdated" not in fresh.estimate().verdict
 
 
 def test_it_runs_as_far_as_it_was_made_for(client: Client, fresh: RemoteSession) -> None:

@@ -226,6 +226,7 @@ def test_the_picture_and_the_draws_are_at_hand(estimated: tuple[pmpnbp.Estimate,
         ({"prior": 5}, r"the prior is 5; expected the path of a prior\.json, or its members as a dict"),
         ({"prior": '{"kind": "uniform"}'}, r"the prior is JSON text; expected the path of a prior\.json"),
         ({"max_std": 0}, "'max_std' is 0; expected metres above zero"),
+        ({"max_std": -1}, "'max_std' is -1; expected metres above zero"),
         ({"prior": "no.json"}, "prior file 'no.json' cannot be read"),
         ({"truth": "no.json"}, "truth file 'no.json' cannot be read"),
     ],
@@ -335,3 +336,15 @@ def test_a_model_tells_what_it_is() -> None:
     assert model.joints == ("slide1", "slide2", "slide3")
     assert model.parts["drawer1"] == ("drawer1", "handle1")
     assert repr(model) == "<Model cabinet: 7 links in 4 parts, joints ['slide1', 'slide2', 'slide3']>"
+
+
+def test_what_was_found_before_a_change_says_that_it_is_outdated() -> None:
+    with session() as made:
+        made.step(2)
+        before = made.estimate(posterior=False)
+        made.change(effective_share=0.2)
+        after = made.estimate(posterior=False)
+        assert (before.outdated, after.outdated) == (False, True)
+        assert after.verdict == f"Outdated, scans or settings have changed since: {before.verdict}"
+        made.step()
+        assert not made.estimate(posterior=False).outdated

@@ -95,7 +95,7 @@ def test_a_board_does_not_draw_the_rest_of_the_object_after_it() -> None:
 
 @pytest.mark.parametrize("opened", [0.05, 0.12, 0.2])
 def test_a_drawer_that_the_region_leaves_out_is_not_certain_wherever_it_was_found(opened: float) -> None:
-    """Of 24 estimates of the sample cabinet whose region ended above the lowest drawer, 13 had it 7 cm off, and certain
+    """Of 24 estimates of the sample cabinet whose region ended above the lowest drawer, 12 had it 7 cm off, and certain
     to a third of a millimetre."""
     slide = Joint("slide", "prismatic", "link0", "link1", at(0.16, 0.0, 0.1), X, 0.0, 0.25, (0,))
     tower = articulated([slide], {"link0": block([0.3, 0.4, 0.8], at(z=0.4)), "link1": block([0.02, 0.36, 0.12])})

@@ -57,6 +57,7 @@ def test_pose_frame_and_stamp(tmp_path: Path) -> None:
     [
         ("{", "is not JSON (line 1"),
         ("[1]", "holds a list; expected an object"),
+        ("null", "holds null; expected an object"),
         ("[" * 100_000, "nested too deep"),
         ('{"width": ' + "9" * 5000 + "}", "number too long"),
         ("{}", "has no 'width'"),

@@ -132,6 +132,10 @@ def test_a_rounded_orientation_is_brought_to_unit_length(model: ArticulatedObjec
         ({**GAUSSIAN, "joints": {"slide": {"position": 0, "std": 1e6}}}, "and a 'std' above 0, at most 10000"),
         ({"kind": "uniform", "orientation": "sideways"}, "is 'sideways'; expected 'upright' or 'any'"),
         ({**GAUSSIAN, "link": "lid"}, "link 'lid' of the prior is not in the model; it has base, drawer, handle, twin"),
+        (
+            {name: value for name, value in GAUSSIAN.items() if name != "link"},
+            "the prior has no link; expected one of base",
+        ),
         ({**GAUSSIAN, "link": None}, "link None of the prior is not in the model; it has base"),
         ({**GAUSSIAN, "pose": None}, "has no 'pose' with a position x y z and an orientation x y z w"),
         (

@@ -108,6 +108,7 @@ def loose_files(folder: Path, points: NDArray[np.floating]) -> list[Path]:
         folder / "loose.npy",
         folder / "loose.npz",
         written(folder, "loose.xyz", "\n".join(["# x y z", *rows]).encode()),
+        written(folder, "marked.xyz", "\n".join(rows).encode("utf-8-sig")),
         written(folder, "loose.txt", "\r\n".join(["// x, y, z", "", *commas, ""]).encode()),
         *(written(folder, f"{data}.pcd", pcd(points, data)) for data in ("ascii", "binary", "binary_compressed")),
         *(
@@ -119,6 +120,13 @@ def loose_files(folder: Path, points: NDArray[np.floating]) -> list[Path]:
             ]
         ),
     ]
+
+
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
+def test_a_cloud_in_another_encoding_is_told_by_its_name(tmp_path: Path, encoding: str) -> None:
+    path = written(tmp_path, "wide.xyz", "\ufeff0.1 0.2 1\n0.1 0.21 1.1\n".encode(encoding))
+    with pytest.raises(ScanError, match=r"scan 'wide\.xyz' is UTF-16 text; expected UTF-8 or ASCII"):
+        load_scan(path)
 
 
 def test_loose_clouds_with_a_camera_file_fill_its_picture(tmp_path: Path, camera_path: Path) -> None:

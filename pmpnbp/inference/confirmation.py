@@ -18,7 +18,7 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.nuisances import of_last_views
 from pmpnbp.potentials.pixel_kinds import PixelKind, pixel_kinds
 from pmpnbp.potentials.unary import object_scores, renders
-from pmpnbp.scene.observation import View
+from pmpnbp.scene.observation import SUPPORT, View
 
 # A part is missed where less than this share of its pixels confirms it, of so many that can be seen, and of this share
 # of its own.
@@ -49,10 +49,12 @@ class Confirmation:
     covered, hidden, confirmed, outside : pixels, of all views: where it is rendered, behind something, as it should be,
         and as something is that lies outside the region of interest
     missed : names of parts that are not where they should be seen; denied : of those that are seen through, and
+    denied_share : the share of `covered` that they have; root_denied : whether the root is one
     beyond : names of the parts but the root of which so much lies outside the region of interest, and so little is
         confirmed within it, that only what they would hide says where they are
-    denied_share : the share of `covered` that they have; root_denied : whether the root is one; held : those of the
-        denied, and of those beyond, that cannot be elsewhere, see HELD
+    held : those of the denied, and of those beyond, that cannot be elsewhere, see HELD
+    off, noise : metres, root mean squares of by how much the confirmed depths within its outline are off, and of the
+        scan's own errors there; 0 where there are none
     pixels : of each view (h, w) bool, where the object is rendered, and where it is confirmed
     """
 
@@ -68,6 +70,8 @@ class Confirmation:
     beyond: tuple[str, ...]
     denied_share: float
     root_denied: bool
+    off: float
+    noise: float
     pixels: tuple[tuple[View, NDArray[np.bool_], NDArray[np.bool_]], ...]
 
     @property
@@ -91,8 +95,12 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
     # pixels of each part: covered, in sight, confirmed, seen through, that within the outline, that in clumps, and
     # outside the region
     own = np.zeros((7, problem.mrf.nodes))
+    errors = np.zeros(3)  # pixels, and sums of squares of their depths' errors and of the scan's
     pixels = []
-    for view, _, depth, number in renders(problem.observation, problem.surfaces, part_poses, problem.nuisances):
+    rendered = renders(problem.observation, problem.surfaces, part_poses, problem.nuisances)
+    # where these are the last views only (`by_last_views`) it is still told of all
+    noises = problem.noise[len(problem.noise) - len(problem.observation.views) :]
+    for (view, _, depth, number), noise in zip(rendered, noises, strict=True):
         kinds = pixel_kinds(view.depth, view.category, depth, tolerance)
         in_sight = np.isin(kinds, _IN_SIGHT)
         near = in_sight & (np.abs(view.depth - depth) < tolerance)
@@ -107,6 +115,10 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
         out = kinds == PixelKind.OUTSIDE_ROI
         for row, chosen in enumerate((depth > 0, in_sight, near, through, through & inside, within, out)):
             own[row] += np.bincount(number[chosen], minlength=problem.mrf.nodes)
+        amid = near & inside & (view.category != SUPPORT)
+        own_error = noise**2 + (view.distortion * view.distance) ** 2
+        errors += np.count_nonzero(amid) * np.array([1.0, 0.0, own_error])
+        errors[1] += float(((view.depth - depth)[amid] ** 2).sum())
         pixels.append((view, depth > 0, near))
     # a share of what should be seen: each pixel that is not confirmed counts once
     scoring = replace(problem.plain_score(tolerance), form="robust")
@@ -132,6 +144,8 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
         beyond=tuple(names[node] for node in beyond),
         denied_share=float(own[0, denied].sum() / max(covered, 1)),
         root_denied=0 in denied,
+        off=float(np.sqrt(errors[1] / max(errors[0], 1.0))),
+        noise=float(np.sqrt(errors[2] / max(errors[0], 1.0))),
         pixels=tuple(pixels),
     )
 

@@ -149,6 +149,34 @@ def test_parts_that_are_seen_through_are_named(denied: tuple[str, ...], said: st
     assert fit.verdict == "good" and fit.reason.endswith(f"; {said} be elsewhere")
 
 
+@pytest.mark.parametrize(
+    ("off", "noise", "good"),
+    [
+        (0.0020, 0.0, True),
+        (0.0024, 0.0, False),
+        (0.0035, 0.0015, True),
+        (0.0037, 0.0015, False),
+        (0.0119, 0.005, True),
+        (0.0121, 0.005, False),
+    ],
+)
+def test_depths_that_are_off_by_more_than_the_scans_own_errors_are_doubted(
+    off: float, noise: float, good: bool
+) -> None:
+    fit = judged(replace(confirmation(built(), ROOT, JOINTS), off=off, noise=noise))
+    assert (fit.verdict == "good") == good, fit
+    said = f"but its depths are off by {1000 * off:.1f} mm, and the scan's own errors are {1000 * noise:.1f} mm: are "
+    assert good or said in fit.reason
+
+
+def test_how_far_depths_are_off_is_counted_within_the_outline() -> None:
+    problem = built()
+    seen = confirmation(problem, ROOT, JOINTS)
+    assert seen.off < 0.001 and seen.noise == pytest.approx(float(problem.noise[0]), abs=1e-9)
+    back = poses.multiply(worlds.at(0.006, 0.0, 0.0), ROOT)
+    assert confirmation(problem, back, JOINTS).off == pytest.approx(0.006, abs=0.002)
+
+
 def test_parts_beyond_the_region_are_named_but_for_what_is_held_or_denied() -> None:
     seen = replace(confirmation(built(), ROOT, JOINTS), denied=(), beyond=("lid", "pin"))
     fit = judged(seen)

@@ -18,6 +18,7 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.nuisances import of_last_views
 from pmpnbp.potentials.pixel_kinds import PixelKind, pixel_kinds
 from pmpnbp.potentials.unary import object_scores, renders
+from pmpnbp.scene.depth_noise import NORMAL_MEDIAN
 from pmpnbp.scene.observation import SUPPORT, View
 
 # A part is missed where less than this share of its pixels confirms it, of so many that can be seen, and of this share
@@ -35,6 +36,8 @@ ALONG_OUTLINE = 0.33
 HELD = 0.5
 # Pixels that touch one another, at corners too.
 TOUCHING = np.ones((3, 3))
+# Share of the largest distance between a part's mesh and the one of fewer triangles by which its depths are off.
+REDUCED = 0.2
 # Share of the object's pixels that may be outside the region of interest, which is to hold it.
 OUTSIDE_REGION = 0.3
 # What covers the object without hiding it: it can be seen there, or through it.
@@ -53,8 +56,9 @@ class Confirmation:
     beyond : names of the parts but the root of which so much lies outside the region of interest, and so little is
         confirmed within it, that only what they would hide says where they are
     held : those of the denied, and of those beyond, that cannot be elsewhere, see HELD
-    off, noise : metres, root mean squares of by how much the confirmed depths within its outline are off, and of the
-        scan's own errors there; 0 where there are none
+    off, noise : metres, deviation of the confirmed depths within its outline, by their median, which passes over what
+        another surface has of a pixel, and that which the scan's own errors and fewer triangles are known to give them;
+        0 where there are none
     pixels : of each view (h, w) bool, where the object is rendered, and where it is confirmed
     """
 
@@ -88,19 +92,17 @@ class Confirmation:
 
 def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float | None = None) -> Confirmation:
     """What the problem's views say of a configuration (7,), (D,), at a tolerance in metres, or the last one."""
-    part_poses = problem.mrf.part_poses(root, joints)
+    parts, part_poses = problem.mrf.model.parts, problem.mrf.part_poses(root, joints)
     tolerance = problem.tolerance_end if tolerance is None else tolerance
     covered = hidden = confirmed = 0
     expected = 0.0
     # pixels of each part: covered, in sight, confirmed, seen through, that within the outline, that in clumps, and
     # outside the region
     own = np.zeros((7, problem.mrf.nodes))
-    errors = np.zeros(3)  # pixels, and sums of squares of their depths' errors and of the scan's
-    pixels = []
-    rendered = renders(problem.observation, problem.surfaces, part_poses, problem.nuisances)
-    # where these are the last views only (`by_last_views`) it is still told of all
-    noises = problem.noise[len(problem.noise) - len(problem.observation.views) :]
-    for (view, _, depth, number), noise in zip(rendered, noises, strict=True):
+    # by how much confirmed depths are off, and the square of by how much they may be
+    apart, may_be, pixels = [np.zeros(0)], [np.zeros(0)], []
+    known = float(problem.noise.max(initial=0.0)) ** 2 + (REDUCED * np.array([part.deviation for part in parts])) ** 2
+    for view, _, depth, number in renders(problem.observation, problem.surfaces, part_poses, problem.nuisances):
         kinds = pixel_kinds(view.depth, view.category, depth, tolerance)
         in_sight = np.isin(kinds, _IN_SIGHT)
         near = in_sight & (np.abs(view.depth - depth) < tolerance)
@@ -116,9 +118,9 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
         for row, chosen in enumerate((depth > 0, in_sight, near, through, through & inside, within, out)):
             own[row] += np.bincount(number[chosen], minlength=problem.mrf.nodes)
         amid = near & inside & (view.category != SUPPORT)
-        own_error = noise**2 + (view.distortion * view.distance) ** 2
-        errors += np.count_nonzero(amid) * np.array([1.0, 0.0, own_error])
-        errors[1] += float(((view.depth - depth)[amid] ** 2).sum())
+        smooth = (view.distortion * view.distance) ** 2
+        apart.append(np.abs(view.depth - depth)[amid])
+        may_be.append(known[number[amid]] + smooth)
         pixels.append((view, depth > 0, near))
     # a share of what should be seen: each pixel that is not confirmed counts once
     scoring = replace(problem.plain_score(tolerance), form="robust")
@@ -130,7 +132,7 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
     through = own[4] + ALONG_OUTLINE * (own[3] - own[4])
     denied = np.flatnonzero((own[1] >= FEWEST_PIXELS) & (clumps | (through > DENIED * own[1])))
     beyond = np.flatnonzero((own[6] >= FEWEST_PIXELS) & (own[2] < FEWEST_PIXELS) & (np.arange(problem.mrf.nodes) > 0))
-    names = [part.name for part in problem.mrf.model.parts]
+    names = [part.name for part in parts]
     return Confirmation(
         score=float(score),
         expected=expected,
@@ -144,10 +146,15 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
         beyond=tuple(names[node] for node in beyond),
         denied_share=float(own[0, denied].sum() / max(covered, 1)),
         root_denied=0 in denied,
-        off=float(np.sqrt(errors[1] / max(errors[0], 1.0))),
-        noise=float(np.sqrt(errors[2] / max(errors[0], 1.0))),
+        off=_deviation(np.concatenate(apart)),
+        noise=float(np.sqrt(np.concatenate(may_be).sum() / max(sum(map(len, may_be)), 1))),
         pixels=tuple(pixels),
     )
+
+
+def _deviation(apart: Array) -> float:
+    """The standard deviation of errors of the sizes (P,), were they normal; 0 where there are none."""
+    return float(np.median(apart) / NORMAL_MEDIAN) if len(apart) else 0.0
 
 
 def _held(mrf: Mrf, denied: NDArray[np.int64], in_sight: Array, confirmed: Array) -> list[int]:

@@ -35,7 +35,7 @@ DENIED_SHARE = 0.5
 # an object of which this share is hidden.
 FEW, HALF_HIDDEN, FEW_IF_HIDDEN = 60.0, 0.3, 150.0
 # The deviation of depths within the outline, in those that noise and fewer triangles give them, and metres besides:
-# where it is larger than both the camera, its scale or the model is wrong. Of 487 right estimates, seeds to 770, the one
+# where it is larger than both, camera, scale or model is wrong. Of 487 right estimates, seeds to 770, the one
 # that comes nearest has 1.86 and 1.8 mm.
 OFF, BEYOND_NOISE = 1.95, 0.0016
 # Neighbouring pixels are of one surface where their depths differ by a smaller share.

@@ -18,7 +18,7 @@ from pmpnbp.inference.problem import Problem
 from pmpnbp.potentials.nuisances import of_last_views
 from pmpnbp.potentials.pixel_kinds import PixelKind, pixel_kinds
 from pmpnbp.potentials.unary import object_scores, renders
-from pmpnbp.scene.depth_noise import NORMAL_MEDIAN
+from pmpnbp.scene.depth_noise import NORMAL_MEDIAN, told_noise
 from pmpnbp.scene.observation import SUPPORT, View
 
 # A part is missed where less than this share of its pixels confirms it, of so many that can be seen, and of this share
@@ -101,7 +101,8 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
     own = np.zeros((7, problem.mrf.nodes))
     # by how much confirmed depths are off, and the square of by how much they may be
     apart, may_be, pixels = [np.zeros(0)], [np.zeros(0)], []
-    known = float(problem.noise.max(initial=0.0)) ** 2 + (REDUCED * np.array([part.deviation for part in parts])) ** 2
+    noise = float(told_noise(problem.noise, problem.noise_area).max(initial=0.0))
+    known = noise**2 + (REDUCED * np.array([part.deviation for part in parts])) ** 2
     for view, _, depth, number in renders(problem.observation, problem.surfaces, part_poses, problem.nuisances):
         kinds = pixel_kinds(view.depth, view.category, depth, tolerance)
         in_sight = np.isin(kinds, _IN_SIGHT)

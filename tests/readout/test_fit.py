@@ -14,7 +14,7 @@ from pmpnbp.inference.confirmation import confirmation
 from pmpnbp.inference.problem import Problem
 from pmpnbp.readout.fit import Fit
 from pmpnbp.readout.fit import assess as judged
-from pmpnbp.scene.depth_noise import NORMAL_MEDIAN
+from pmpnbp.scene.depth_noise import NORMAL_MEDIAN, told_noise
 from pmpnbp.scene.observation import CONTINUED, OBJECT, View
 from pmpnbp.scene.observe import observe
 from pmpnbp.scene.prior import UniformPrior
@@ -173,7 +173,8 @@ def test_depths_that_are_off_by_more_than_the_scans_own_errors_are_doubted(
 def test_how_far_depths_are_off_is_counted_within_the_outline() -> None:
     problem = built()
     seen = confirmation(problem, ROOT, JOINTS)
-    assert seen.off < 0.001 and seen.noise == pytest.approx(float(problem.noise[0]), abs=1e-9)
+    told = float(told_noise(problem.noise, problem.noise_area).max())
+    assert seen.off < 0.001 and seen.noise == pytest.approx(told, abs=1e-9)
     back = poses.multiply(worlds.at(0.006, 0.0, 0.0), ROOT)
     assert confirmation(problem, back, JOINTS).off == pytest.approx(0.006 / NORMAL_MEDIAN, abs=0.002)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import webbrowser
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast
@@ -313,8 +313,8 @@ class RemoteSession:
         with understood("an estimate"):
             own = ("session_id", "state", "outdated")
             result = {name: value for name, value in members.items() if name not in own}
-            scene = _Iteration(self, result["iteration"])
-            return Estimate.from_dict(result, scene, outdated=members.get("outdated") is True)
+            found = Estimate.from_dict(result, _Iteration(self, result["iteration"]))
+            return replace(found, outdated=members.get("outdated") is True)
 
 
 @dataclass(frozen=True)

@@ -133,7 +133,7 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
     through = own[4] + ALONG_OUTLINE * (own[3] - own[4])
     denied = np.flatnonzero((own[1] >= FEWEST_PIXELS) & (clumps | (through > DENIED * own[1])))
     beyond = np.flatnonzero((own[6] >= FEWEST_PIXELS) & (own[2] < FEWEST_PIXELS) & (np.arange(problem.mrf.nodes) > 0))
-    names = [part.name for part in parts]
+    names, squares = [part.name for part in parts], np.concatenate(may_be)
     return Confirmation(
         score=float(score),
         expected=expected,
@@ -148,7 +148,7 @@ def confirmation(problem: Problem, root: Array, joints: Array, tolerance: float 
         denied_share=float(own[0, denied].sum() / max(covered, 1)),
         root_denied=0 in denied,
         off=_deviation(np.concatenate(apart)),
-        noise=float(np.sqrt(np.concatenate(may_be).sum() / max(sum(map(len, may_be)), 1))),
+        noise=float(np.sqrt(squares.sum() / max(len(squares), 1))),
         pixels=tuple(pixels),
     )
 

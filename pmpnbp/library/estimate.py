@@ -99,11 +99,11 @@ class Estimate:
     outdated: bool = False
 
     @staticmethod
-    def from_dict(members: Mapping[str, Any], scene: Scene | None = None, *, outdated: bool = False) -> Estimate:
+    def from_dict(members: Mapping[str, Any], scene: Scene | None = None) -> Estimate:
         """The estimate that result.json's members tell; `scene` draws and shows it. Raises EstimateError where they
         are none."""
         try:
-            return _estimate(members, scene, outdated)
+            return _estimate(members, scene)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             came = f"{type(error).__name__}: {error}"
             raise EstimateError(f"this is no estimate as result.json has it ({came:.200})") from None
@@ -202,7 +202,7 @@ def _stand(joint: JointEstimate) -> str:
     return ", ".join(told)
 
 
-def _estimate(members: Mapping[str, Any], scene: Scene | None, outdated: bool) -> Estimate:
+def _estimate(members: Mapping[str, Any], scene: Scene | None) -> Estimate:
     told: dict[str, Any] = {name: members[name] for name in OF_RUN}
     told |= {name: members.get(name) for name in OF_POSTERIOR}
     return Estimate(
@@ -218,5 +218,4 @@ def _estimate(members: Mapping[str, Any], scene: Scene | None, outdated: bool) -
         truth=members.get("truth"),
         _members=members,
         _scene=scene,
-        outdated=outdated,
     )

@@ -2,7 +2,7 @@
 but it is no drawer: beside it one looks through where the front should be.
 
 Of such a part the scan says only where it is not. Its joint goes over its whole range, but for where the part, and what
-hangs on it, would be seen through.
+hangs on it, would be seen through. As little does it say of a part that the region of interest leaves out.
 """
 
 from __future__ import annotations

@@ -215,25 +215,27 @@ def _told(
 def _agreeing_with_priors(problem: Problem, place: Place, fit: Fit) -> Fit:
     """The fit of a place, doubtful where that, or what cameras or model have wrong everywhere, is far from where a
     prior has it: one of them is wrong."""
-    if fit.verdict != "good":
+    contradiction = next(_contradictions(problem, place), None) if fit.verdict == "good" else None
+    if contradiction is None:
         return fit
+    return replace(fit, verdict="doubtful", reason=f"{fit.reason}, but {contradiction}")
+
+
+def _contradictions(problem: Problem, place: Place) -> Iterator[str]:
+    """What of a place its priors speak against, in words."""
     if isinstance(problem.prior, GaussianPrior):
         at = problem.mrf.part_poses(place.root, place.joints)[problem.prior_node]
         off = float(np.sqrt(-2 * problem.log_prior(at)))
         if off > CONTRADICTED:
-            told = f"{fit.reason}, but {off:.3g} standard deviations from where the prior has it"
-            return replace(fit, verdict="doubtful", reason=told)
-    middle = place.draws.middle_nuisances
-    for what, off in _strains(problem, problem.nuisances if middle is None else middle):
+            yield f"{off:.3g} standard deviations from where the prior has it"
+    for what, off in _strains(problem, place.draws.middle_nuisances):
         if off > STRAINED:
-            told = f"{fit.reason}, but {what} would be off by {off:.3g} of its standard deviations"
-            return replace(fit, verdict="doubtful", reason=told)
-    return fit
+            yield f"{what} would be off by {off:.3g} of its standard deviations"
 
 
 def _strains(problem: Problem, nuisances: Array | None) -> Iterator[tuple[str, float]]:
     """Of each camera's depth scale and pose, and of the object's size, by how many of its standard deviations the
-    nuisances (K,) have it off."""
+    nuisances (K,) have it off; nothing where all are fixed."""
     if nuisances is None:
         return
     free = problem.nuisance_std > 0

@@ -115,14 +115,6 @@ class Posterior:
         """(count,) numbers of draws, each as often as it weighs: systematic resampling without a random offset."""
         return even_draws(self.log_weights, count)
 
-    def denied(self, model: ArticulatedObject) -> list[int]:
-        """Numbers of the parts that are not to be believed where they were found."""
-        return numbered(model, self.fit.denied)
-
-    def beyond(self, model: ArticulatedObject) -> list[int]:
-        """Numbers of the parts that are outside the region of interest."""
-        return numbered(model, self.fit.beyond)
-
 
 def numbered(model: ArticulatedObject, names: Sequence[str]) -> list[int]:
     """Numbers of the parts of these names."""
@@ -204,8 +196,8 @@ def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -
     intervals = np.stack([np.minimum(intervals[0], 0.0), np.maximum(intervals[1], 0.0)])
     surfaces, parts = part_surfaces(model), parts_of_links(model)
 
-    def with_those_on(nodes: list[int]) -> NDArray[np.bool_]:
-        return np.isin(node, [below for one in nodes for below in moving(problem.mrf, one)])
+    def with_those_on(names: Sequence[str]) -> NDArray[np.bool_]:
+        return np.isin(node, [below for one in numbered(model, names) for below in moving(problem.mrf, one)])
 
     node = np.array([parts[link] for link in model.links])
     placed = posterior.part_poses(model, posterior.even_draws(DRAWS))
@@ -223,8 +215,8 @@ def spread(problem: Problem, posterior: Posterior, root: Array, joints: Array) -
         alike=alike_parts(model, posterior, at, modes)[:, node],
         round_turns=turn_agreement(surfaces, at, placed),
         turns=(turns(surfaces, at, placed) * [part.extents.max() > LONG for part in model.parts])[:, node],
-        denied=with_those_on(posterior.denied(model)),
-        beyond=with_those_on(posterior.beyond(model)),
+        denied=with_those_on(posterior.fit.denied),
+        beyond=with_those_on(posterior.fit.beyond),
     )
 
 

@@ -53,14 +53,14 @@ def to_posterior(iteration: int, arrays: Mapping[str, NDArray[Any]]) -> Posterio
     if PREFIX + "fit" not in arrays:
         return None
     found = {name.removeprefix(PREFIX): values for name, values in arrays.items() if name.startswith(PREFIX)}
-    fit = read_json(found["fit"].tobytes().decode())
+    fit = {"beyond": ()} | read_json(found["fit"].tobytes().decode())
     modes = zip(found["mode_weights"].tolist(), found["mode_roots"], found["mode_joints"], strict=True)
     return Posterior(
         iteration=iteration,
         **{name: found[name] for name in _DRAWS},
         modes=tuple(ObjectMode(weight=float(weight), root=root, joints=joints) for weight, root, joints in modes),
         effective_sample_size=float(found["effective_sample_size"].item()),
-        fit=Fit(**{**fit, **{name: tuple(fit.get(name, ())) for name in _PARTS}}),
+        fit=Fit(**{**fit, **{name: tuple(fit[name]) for name in _PARTS}}),
         drawn_sizes=found.get("drawn_sizes"),
         nuisance_stds=found.get("nuisance_stds"),
         centre=_centre(found),

@@ -53,15 +53,14 @@ function apart(modes) {
   const found = [];
   for (const { weight, pose } of modes) {
     const known = found.find(
-      (one) => distance(one.pose.position, pose.position) < SAME && turn(one.pose, pose) < TURNED,
+      (one) =>
+        distance(one.pose.position, pose.position) < SAME && angle(one.pose.orientation, pose.orientation) < TURNED,
     );
     if (known) known.weight += weight;
     else found.push({ weight, pose });
   }
   return found.sort((one, other) => other.weight - one.weight);
 }
-
-const turn = (one, other) => angle(one.orientation, other.orientation);
 
 function where({ pose: { position, orientation } }) {
   const turned = degrees(2 * Math.acos(Math.min(1, Math.abs(orientation.w))));

@@ -14,15 +14,15 @@ import { changeView } from "./view.js";
 const BARE = { estimate: false, particles: false, draws: false, ellipsoids: false, next_views: false };
 const wrong = sentence("setup-error");
 
-let before = null; // the layers that were shown; kept with the tab, as the set-up is open again when it is loaded again
 let regions = []; // as GET regions has them
 let own = null; // the box as it was drawn by hand, apart from those
 let asked = ""; // of which scans the regions are known
 
 const KEPT = `set-up of ${sessionId}`;
-const kept = JSON.parse(sessionStorage.getItem(KEPT));
+// The layers that were shown before, as long as it is open: it is so again when the tab is loaded again.
+const kept = () => JSON.parse(sessionStorage.getItem(KEPT));
 // whether the page begins with this
-const first = kept !== null || new URLSearchParams(location.search).has("setup");
+const first = kept() !== null || new URLSearchParams(location.search).has("setup");
 // Asked for before the 3D view keeps the browser busy, where they are what is wanted; null where that failed.
 let ahead = first ? whatStands().catch(() => null) : null;
 
@@ -31,27 +31,26 @@ export function install() {
   byId("setup").addEventListener("change", () => wrong("")); // it was about what was there before
   byId("setup-close").addEventListener("click", close);
   byId("setup-prior").addEventListener("change", (event) => changeView({ show: { prior: event.target.checked } }));
-  byId("setup-open").addEventListener("click", () => open());
+  byId("setup-open").addEventListener("click", open);
   byId("setup-draw").addEventListener("click", drawBox);
   byId("setup-files").addEventListener("change", ({ target }) => addView(target));
   subscribe(["view", "session"], show);
-  if (canOpen() && first) open(kept);
-  else if (kept) leave(kept); // it has been run meanwhile
+  if (canOpen() && first) open();
+  else if (kept()) leave(); // it has been run meanwhile
 }
 
 export const isOpen = () => !byId("setup").hidden;
 export const canOpen = () => !isRecording() && !isGone() && !isOpen() && state.session?.state !== "running";
 
-// shown : the layers before, where it was open when the page was left
-async function open(shown = null) {
+async function open() {
   if (isOpen()) return;
-  before = shown ?? { ...state.view.show };
-  sessionStorage.setItem(KEPT, JSON.stringify(before));
+  const again = kept() !== null;
+  if (!again) sessionStorage.setItem(KEPT, JSON.stringify(state.view.show));
   byId("setup").hidden = false;
   wrong("");
   fillAdvanced();
   changeView({ show: BARE });
-  await propose(shown !== null);
+  await propose(again);
   byId("setup-run").focus({ preventScroll: true });
 }
 
@@ -63,14 +62,14 @@ export async function drawBox() {
 
 export function close() {
   byId("setup").hidden = true;
-  leave(before);
+  leave();
   show();
   byId("setup-open").focus({ preventScroll: true });
 }
 
-function leave(shown) {
+function leave() {
+  changeView({ proposals: [], show: { ...kept(), region: false, prior: false } });
   sessionStorage.removeItem(KEPT);
-  changeView({ proposals: [], show: { ...shown, region: false, prior: false } });
 }
 
 // Asks for what stands there, once for the same scans; the likest is chosen where the session has no region of its own

@@ -92,6 +92,20 @@ def test_it_comes_back_bit_for_bit(made: Made) -> None:
     check_posterior_fits(made[1], made[3])
 
 
+def test_a_fit_of_before_parts_beyond_the_region_were_told_has_none(made: Made) -> None:
+    arrays = posterior_arrays(made[3])
+    text = json.loads(arrays["posterior.fit"].tobytes())
+    for name, refused in (("beyond", False), ("denied", True)):
+        left = json.dumps({member: value for member, value in text.items() if member != name})
+        shorter = arrays | {"posterior.fit": np.frombuffer(left.encode(), dtype=np.uint8)}
+        if refused:
+            with pytest.raises(KeyError, match=name):
+                to_posterior(2, shorter)
+        else:
+            found = to_posterior(2, shorter)
+            assert found is not None and found.fit == made[3].fit and found.fit.beyond == ()
+
+
 def test_later_iterations_are_told_with_the_draws_that_were_recorded(made: Made, tmp_path: Path) -> None:
     """Not with such as are made again: here they are others."""
     path = recorded(tmp_path / "run.sqlite", made)
